@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The same frame with real glass, rendered in Cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..scene.glasses import Glass, read_glasses
+from ..scene.names import TAG, own
+from .glass_mesh import Surface, glass_surfaces
+from .picture import render_picture
+
+ROLE = "reference"
+"""Value of the tag on every temporary data-block; handlers leave these alone."""
+
+SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefraction"}
+
+# Light that runs round inside a wall dies off by Fresnel's losses, not by the number of bounces.
+_BOUNCES = 64
+
+
+def render_reference(
+    scene: bpy.types.Scene,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    surface: str = "GLASS",
+    glass_shadows: bool = False,
+    glasses: Sequence[Glass] | None = None,
+) -> np.ndarray:
+    """Render the scene's current frame in Cycles with its glasses as real meshes.
+
+    Camera, world, lights, resolution, border, pixel filter and film are the scene's own. Bounces
+    suffice for glass, caustics are on; clamping, denoising and adaptive sampling are off. The scene
+    itself, the selection and all data-blocks are left as they were.
+
+    Parameters
+    ----------
+    samples : per pixel; by default as many as the scene's own renders take.
+    seed : of the noise; the scene's own is not used.
+    surface : "GLASS" refracts and mirrors by Fresnel's laws; "REFRACTION" refracts all light, and
+        is black where it is reflected totally.
+    glass_shadows : False lights every surface as though there were no glass; True lets the glass
+        block lamps and cast caustics.
+    glasses : by default those of the scene.
+
+    Returns
+    -------
+    (H, W, 4) float32, linear scene-referred RGBA, alpha premultiplied, bottom row first.
+
+    Raises
+    ------
+    ValueError
+        Unknown ``surface``, ``samples`` below 1, no camera.
+    RuntimeError
+        The render was cancelled.
+    """
+    if surface not in SURFACES:
+        raise ValueError(f"surface must be one of {', '.join(SURFACES)}, not {surface!r}")
+    if samples is not None and samples < 1:
+        raise ValueError(f"samples must be at least 1, not {samples}")
+    if scene.camera is None:
+        raise ValueError(f'scene "{scene.name}" has no camera')
+    if glasses is None:
+        glasses = scene_glasses(scene)
+    with _reference_scene(scene) as reference, ExitStack() as temporary:
+        _set_up_cycles(reference, scene, samples or scene_samples(scene), seed)
+        materials: dict[float, bpy.types.Material] = {}
+        for glass in glasses:
+            obj = _glass_object(glass, surface, materials, temporary)
+            obj.visible_shadow = obj.visible_diffuse = glass_shadows
+            reference.collection.objects.link(obj)
+        return render_picture(reference)
+
+
+def scene_glasses(scene: bpy.types.Scene) -> list[Glass]:
+    """The glasses that the scene's own view layers show at its current frame."""
+    layer = main_view_layer(scene)
+    layer.update()
+    return read_glasses(layer.depsgraph)
+
+
+def main_view_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
+    """The first view layer that the user made and that takes part in renders.
+
+    Raises
+    ------
+    ValueError
+        There is none.
+    """
+    for layer in scene.view_layers:
+        if layer.use and not own(layer):
+            return layer
+    raise ValueError(f'scene "{scene.name}" has no view layer that is used for rendering')
+
+
+def scene_samples(scene: bpy.types.Scene) -> int:
+    """Samples per pixel that the scene's own renders take."""
+    if scene.render.engine == "CYCLES":
+        return scene.cycles.samples
+    return scene.eevee.taa_render_samples
+
+
+@contextmanager
+def _reference_scene(scene: bpy.types.Scene) -> Iterator[bpy.types.Scene]:
+    """A linked copy of the scene without the extension's objects, layers and compositing."""
+    kept = main_view_layer(scene).name
+    reference = scene.copy()
+    try:
+        reference[TAG] = ROLE
+        for layer in list(reference.view_layers):
+            if layer.name != kept:
+                reference.view_layers.remove(layer)
+        _exclude_own(reference.view_layers[0].layer_collection)
+        for obj in [o for o in reference.collection.objects if own(o)]:
+            reference.collection.objects.unlink(obj)
+        reference.render.use_compositing = False
+        reference.render.use_sequencer = False
+        reference.render.use_multiview = False
+        reference.render.use_persistent_data = False
+        yield reference
+    finally:
+        bpy.data.scenes.remove(reference)
+
+
+def _exclude_own(layer_collection: bpy.types.LayerCollection) -> None:
+    for child in layer_collection.children:
+        if own(child.collection):
+            child.exclude = True
+        else:
+            _exclude_own(child)
+
+
+def _set_up_cycles(
+    reference: bpy.types.Scene, scene: bpy.types.Scene, samples: int, seed: int
+) -> None:
+    """Unbiased path tracing with bounces enough for glass; all else as the scene has it."""
+    cycles = reference.cycles
+    if scene.render.engine != "CYCLES":
+        cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+        cycles.filter_width = max(scene.render.filter_size, 0.01)
+    reference.render.engine = "CYCLES"
+    cycles.samples = samples
+    cycles.seed = seed
+    cycles.use_animated_seed = False
+    cycles.use_adaptive_sampling = False
+    cycles.use_denoising = False
+    cycles.use_sample_subset = False
+    cycles.time_limit = 0.0
+    cycles.use_layer_samples = "IGNORE"
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    cycles.blur_glossy = 0.0
+    cycles.caustics_reflective = cycles.caustics_refractive = True
+    # Diffuse light must not gain bounces from the limit that is raised for the glass.
+    cycles.diffuse_bounces = min(cycles.diffuse_bounces, cycles.max_bounces)
+    cycles.volume_bounces = min(cycles.volume_bounces, cycles.max_bounces)
+    cycles.max_bounces = cycles.transmission_bounces = cycles.glossy_bounces = _BOUNCES
+    # A transparent film shows through the glass as it does beside it.
+    cycles.film_transparent_glass = reference.render.film_transparent
+
+
+def _glass_object(
+    glass: Glass,
+    surface: str,
+    materials: dict[float, bpy.types.Material],
+    temporary: ExitStack,
+) -> bpy.types.Object:
+    """An object of the glass's interfaces; what it is made of is removed with ``temporary``."""
+    surfaces = glass_surfaces(glass.description)
+    mesh = bpy.data.meshes.new(f"{glass.name} {ROLE}")
+    temporary.callback(bpy.data.meshes.remove, mesh)
+    mesh[TAG] = ROLE
+    _fill_mesh(mesh, surfaces)
+    slots: dict[float, int] = {}
+    for eta in (s.ior_inside / s.ior_outside for s in surfaces):
+        if eta not in materials:
+            materials[eta] = _glass_material(surface, eta)
+            temporary.callback(bpy.data.materials.remove, materials[eta])
+        if eta not in slots:
+            slots[eta] = len(slots)
+            mesh.materials.append(materials[eta])
+    index = np.concatenate(
+        [np.full(len(s.sizes), slots[s.ior_inside / s.ior_outside], np.int32) for s in surfaces]
+    )
+    mesh.polygons.foreach_set("material_index", index)
+    obj = bpy.data.objects.new(mesh.name, mesh)
+    temporary.callback(bpy.data.objects.remove, obj)
+    obj[TAG] = ROLE
+    obj.matrix_world = Matrix(glass.to_world.tolist())
+    return obj
+
+
+def _fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
+    """Put all surfaces into one mesh, smooth, with their own normals at every face corner."""
+    vertices = np.concatenate([s.vertices for s in surfaces])
+    first = np.cumsum([0, *(len(s.vertices) for s in surfaces[:-1])])
+    corners = np.concatenate(
+        [s.corners + offset for s, offset in zip(surfaces, first, strict=True)]
+    )
+    sizes = np.concatenate([s.sizes for s in surfaces])
+    mesh.vertices.add(len(vertices))
+    mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    mesh.loops.add(len(corners))
+    mesh.loops.foreach_set("vertex_index", corners.astype(np.int32))
+    mesh.polygons.add(len(sizes))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(sizes) - sizes).astype(np.int32))
+    mesh.update(calc_edges=True)
+    normals = np.concatenate([s.normals for s in surfaces])
+    attribute = mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "CORNER")
+    attribute.data.foreach_set("vector", normals.astype(np.float32).ravel())
+
+
+def _glass_material(surface: str, eta: float) -> bpy.types.Material:
+    """A clear material whose back is ``eta`` times as dense as its front."""
+    material = bpy.data.materials.new(f"{surface.title()} {eta:g} {ROLE}")
+    material[TAG] = ROLE
+    tree = material.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new(SURFACES[surface])
+    shader.inputs["Color"].default_value = (1, 1, 1, 1)
+    shader.inputs["Roughness"].default_value = 0
+    shader.inputs["IOR"].default_value = eta
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
+    return material

@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glass as meshes that a renderer can refract in: every interface once, with exact normals.
+
+A glass is a set of surfaces, one an interface between two media. No surface lies on another, so a
+renderer needs no rule for overlapping bodies: it refracts by the ratio of the two media that each
+surface names. The first interface points out of the glass; each further one points away from the
+layer that a ray has just passed, as an inner wall points into the cavity. Surfaces that meet share
+the coordinates of their border bit by bit: nothing leaks between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..optics.glasses import CylinderGlass, FlatGlass, SphereGlass
+
+# Facets round a full circle. A chord misses its arc by r * (pi / segments)**2 / 2: 1.2e-6 r for the
+# cylinder, 1.9e-5 r for the sphere, whose number of faces grows with the square.
+CYLINDER_SEGMENTS = 2048
+SPHERE_SEGMENTS = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """One interface between two media, in the frame of its glass (metres).
+
+    Attributes
+    ----------
+    name : what it is of the glass, e.g. ``"wall 0"`` or ``"upper rim 0"``.
+    vertices : (V, 3) positions.
+    corners : (C,) vertex of each face corner, face after face, anticlockwise seen from the side
+        that the normals point to.
+    sizes : (F,) number of corners of each face; a face may be a concave polygon.
+    normals : (C, 3) unit, the true surface's normal at each corner.
+    ior_inside, ior_outside : the media behind the surface and on the side of its normals.
+    """
+
+    name: str
+    vertices: np.ndarray
+    corners: np.ndarray
+    sizes: np.ndarray
+    normals: np.ndarray
+    ior_inside: float
+    ior_outside: float
+
+    def flipped(self) -> Surface:
+        """The same interface, its normals on the other side."""
+        return replace(
+            self,
+            corners=self.corners[::-1],
+            sizes=self.sizes[::-1],
+            normals=-self.normals[::-1],
+            ior_inside=self.ior_outside,
+            ior_outside=self.ior_inside,
+        )
+
+
+def glass_surfaces(
+    glass: FlatGlass | CylinderGlass | SphereGlass,
+    *,
+    segments: int | None = None,
+    reach: float = 100.0,
+) -> tuple[Surface, ...]:
+    """All interfaces of a glass as finely tessellated surfaces.
+
+    Parameters
+    ----------
+    glass : its optics description.
+    segments : facets round a full circle (a sphere: rounded up to a multiple of 4); by default
+        ``CYLINDER_SEGMENTS`` or ``SPHERE_SEGMENTS``.
+    reach : metres; an unbounded glass is cut off this far from its origin, without rims or sides.
+
+    Notes
+    -----
+    A liquid fills its cylinder to the rims. The sides of a slab, and a cylinder's rims, stand in
+    ``ior_above`` or ``ior_outside``. Rims between equal media are left out; walls are kept, so
+    that a glass of the air's own ior still is a mesh.
+
+    Raises
+    ------
+    ValueError
+        ``segments`` below 4, ``reach`` not positive.
+    TypeError
+        ``glass`` is none of the three.
+    """
+    if segments is not None and segments < 4:
+        raise ValueError(f"segments must be at least 4, not {segments}")
+    if not reach > 0:
+        raise ValueError(f"reach must be positive, not {reach:g}")
+    if isinstance(glass, FlatGlass):
+        return _flat(glass, reach)
+    if isinstance(glass, CylinderGlass):
+        return _cylinder(glass, segments or CYLINDER_SEGMENTS, reach)
+    if isinstance(glass, SphereGlass):
+        return _sphere(glass, segments or SPHERE_SEGMENTS)
+    raise TypeError(f"no mesh for a glass of type {type(glass).__name__}")
+
+
+def _flat(glass: FlatGlass, reach: float) -> tuple[Surface, ...]:
+    """Interfaces from the top down, then the sides of each layer."""
+    if glass.outline is None:
+        outline = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * float(reach)
+    else:
+        outline = _anticlockwise(np.asarray(glass.outline, float))
+    heights = glass.heights
+    surfaces = []
+    for i, height in enumerate(heights):
+        face = _polygon(f"interface {i}", outline, height, glass.media[i + 1], glass.media[i])
+        surfaces.append(face if i == 0 else face.flipped())
+    if glass.outline is not None:
+        for i, ior in enumerate(glass.ior):
+            if ior != glass.ior_above:
+                surfaces.append(
+                    _sides(f"sides {i}", outline, heights[i : i + 2], ior, glass.ior_above)
+                )
+    return tuple(surfaces)
+
+
+def _cylinder(glass: CylinderGlass, segments: int, reach: float) -> tuple[Surface, ...]:
+    """Walls from the outside in, then the upper and lower rim of each layer."""
+    z0, z1 = (-float(reach), float(reach)) if glass.extent is None else glass.extent
+    circle = _unit_circle(segments)
+    surfaces = []
+    for i, radius in enumerate(glass.radius):
+        inside, outside = glass.media[i + 1], glass.media[i]
+        wall = _wall(f"wall {i}", circle, radius, (z0, z1), inside, outside)
+        surfaces.append(wall if i == 0 else wall.flipped())
+    if glass.extent is not None:
+        bounds = (*glass.radius, 0.0)
+        for i, ior in enumerate(glass.ior):
+            if ior != glass.ior_outside:
+                radii = bounds[i], bounds[i + 1]
+                upper = _rim(f"upper rim {i}", circle, radii, z1, ior, glass.ior_outside)
+                # A rim is made looking up, into the layer; turned over it looks out like the upper.
+                lower = _rim(f"lower rim {i}", circle, radii, z0, glass.ior_outside, ior)
+                surfaces += [upper, lower.flipped()]
+    return tuple(surfaces)
+
+
+def _sphere(glass: SphereGlass, segments: int) -> tuple[Surface, ...]:
+    """Shells from the outside in."""
+    directions, corners = _cube_sphere(-(-segments // 4))
+    surfaces = []
+    for i, radius in enumerate(glass.radius):
+        shell = Surface(
+            name=f"shell {i}",
+            vertices=radius * directions,
+            corners=corners.ravel(),
+            sizes=np.full(len(corners), 4),
+            normals=directions[corners.ravel()],
+            ior_inside=glass.media[i + 1],
+            ior_outside=glass.media[i],
+        )
+        surfaces.append(shell if i == 0 else shell.flipped())
+    return tuple(surfaces)
+
+
+def _anticlockwise(outline: np.ndarray) -> np.ndarray:
+    """The polygon (K, 2) in anticlockwise order."""
+    x, y = outline.T
+    signed_area = 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
+    return outline if signed_area > 0 else outline[::-1]
+
+
+def _polygon(
+    name: str, outline: np.ndarray, height: float, ior_below: float, ior_above: float
+) -> Surface:
+    """The polygon (K, 2) at z = height as one face that looks up."""
+    count = len(outline)
+    return Surface(
+        name=name,
+        vertices=np.column_stack((outline, np.full(count, height))),
+        corners=np.arange(count),
+        sizes=np.array([count]),
+        normals=np.tile((0.0, 0.0, 1.0), (count, 1)),
+        ior_inside=ior_below,
+        ior_outside=ior_above,
+    )
+
+
+def _sides(
+    name: str, outline: np.ndarray, heights: np.ndarray, ior_inside: float, ior_outside: float
+) -> Surface:
+    """The side faces under the polygon (K, 2) between two heights, upper first; flat, outward."""
+    count = len(outline)
+    along = np.roll(outline, -1, axis=0) - outline
+    outward = np.column_stack((along[:, 1], -along[:, 0], np.zeros(count)))
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    vertices = np.concatenate(
+        [np.column_stack((outline, np.full(count, height))) for height in heights[::-1]]
+    )
+    return Surface(
+        name=name,
+        vertices=vertices,
+        corners=_band(count).ravel(),
+        sizes=np.full(count, 4),
+        normals=np.repeat(outward, 4, axis=0),
+        ior_inside=ior_inside,
+        ior_outside=ior_outside,
+    )
+
+
+def _wall(
+    name: str,
+    circle: np.ndarray,
+    radius: float,
+    extent: tuple[float, float],
+    ior_inside: float,
+    ior_outside: float,
+) -> Surface:
+    """A cylinder's wall between two heights, its normals away from the axis."""
+    count = len(circle)
+    corners = _band(count).ravel()
+    vertices = np.concatenate(
+        [np.column_stack((radius * circle, np.full(count, height))) for height in extent]
+    )
+    outward = np.column_stack((circle, np.zeros(count)))
+    return Surface(
+        name=name,
+        vertices=vertices,
+        corners=corners,
+        sizes=np.full(count, 4),
+        normals=outward[corners % count],
+        ior_inside=ior_inside,
+        ior_outside=ior_outside,
+    )
+
+
+def _rim(
+    name: str,
+    circle: np.ndarray,
+    radii: tuple[float, float],
+    height: float,
+    ior_below: float,
+    ior_above: float,
+) -> Surface:
+    """The ring between two radii, outer first, at z = height, looking up; inner 0: a disc."""
+    count = len(circle)
+    outer, inner = radii
+    ring = np.column_stack((outer * circle, np.full(count, height)))
+    if inner > 0:
+        vertices = np.concatenate((ring, np.column_stack((inner * circle, np.full(count, height)))))
+        corners, size = _band(count), 4
+    else:
+        vertices = np.concatenate((ring, [(0.0, 0.0, height)]))
+        here = np.arange(count)
+        corners = np.column_stack((here, np.roll(here, -1), np.full(count, count)))
+        size = 3
+    return Surface(
+        name=name,
+        vertices=vertices,
+        corners=corners.ravel(),
+        sizes=np.full(count, size),
+        normals=np.tile((0.0, 0.0, 1.0), (corners.size, 1)),
+        ior_inside=ior_below,
+        ior_outside=ior_above,
+    )
+
+
+def _unit_circle(count: int) -> np.ndarray:
+    """Points (count, 2) round the unit circle, anticlockwise."""
+    angle = np.arange(count) * (2 * np.pi / count)
+    return np.column_stack((np.cos(angle), np.sin(angle)))
+
+
+def _band(count: int) -> np.ndarray:
+    """Quads (count, 4) between the closed rows 0 .. count - 1 and count .. 2 count - 1."""
+    here = np.arange(count)
+    onward = np.roll(here, -1)
+    return np.column_stack((here, onward, onward + count, here + count))
+
+
+def _cube_sphere(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (V, 3) and outward quads (F, 4): a cube's faces of count x count, blown up.
+
+    The quads are of nearly equal angles, unlike those between meridians, and none degenerates.
+    """
+    step = np.arange(-count, count + 1, 2)
+    u, v = (grid.ravel() for grid in np.meshgrid(step, step, indexing="ij"))
+    lattice = np.concatenate(
+        [
+            np.roll(np.column_stack((u, v, np.full(u.size, side * count))), axis, axis=1)
+            for side in (-1, 1)
+            for axis in range(3)
+        ]
+    )
+    here = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()
+    quad = np.column_stack((here, here + count + 1, here + count + 2, here + 1))
+    face = (count + 1) ** 2
+    quads = np.concatenate([quad[:, ::-1] + i * face for i in range(3)])
+    quads = np.concatenate((quads, *(quad + i * face for i in range(3, 6))))
+    # The faces share their lattice points on edges: whole numbers, so equal ones are found exactly.
+    points, index = np.unique(lattice, axis=0, return_inverse=True)
+    directions = np.tan(points * (np.pi / (4 * count)))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return directions, index.ravel()[quads]

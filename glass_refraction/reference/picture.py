@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures as arrays: rendered by Blender into full floats, written as PNG.
+
+Rows run from the bottom up, as Blender stores them; only the PNG file has its top row first.
+"""
+
+from __future__ import annotations
+
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+_OUTPUT = {
+    "filepath": None,
+    "use_file_extension": True,
+    "use_overwrite": True,
+    "use_placeholder": False,
+    "use_stamp": False,
+}
+# The media type decides which formats, and the format which depths and modes, can be set.
+_FORMAT = {
+    "media_type": "IMAGE",
+    "file_format": "OPEN_EXR",
+    "color_mode": "RGBA",
+    "color_depth": "32",
+    "exr_codec": "ZIP",
+    "color_management": "FOLLOW_SCENE",
+}
+
+
+def render_picture(scene: bpy.types.Scene) -> np.ndarray:
+    """Render the scene's current frame as its settings say and return what would be saved.
+
+    Returns
+    -------
+    (H, W, 4) float32, linear scene-referred RGBA, alpha premultiplied, bottom row first.
+
+    Raises
+    ------
+    RuntimeError
+        The render was cancelled or wrote no file.
+    """
+    with tempfile.TemporaryDirectory(prefix="refractive_glass_") as folder:
+        path = Path(folder) / "picture.exr"
+        with _output_to(scene, path):
+            outcome = bpy.ops.render.render(write_still=True, scene=scene.name)
+        if "FINISHED" not in outcome or not path.exists():
+            raise RuntimeError(f'the render of scene "{scene.name}" was cancelled')
+        return load_picture(path)
+
+
+def load_picture(path: Path | str) -> np.ndarray:
+    """Colours of an OpenEXR file, (H, W, 4) float32, linear, bottom row first."""
+    image = bpy.data.images.load(str(path), check_existing=False)
+    try:
+        width, height = image.size
+        pixels = np.empty(width * height * image.channels, np.float32)
+        image.pixels.foreach_get(pixels)
+        return pixels.reshape(height, width, image.channels)
+    finally:
+        bpy.data.images.remove(image)
+
+
+def write_png(path: Path | str, picture: np.ndarray) -> None:
+    """Write a display-referred picture (H, W, 3) of [0, 1], bottom row first, as 8-bit PNG.
+
+    Blender's own writer would need an image data-block in the user's file for this.
+    """
+    levels = np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)[::-1]
+    height, width, channels = levels.shape
+    if channels != 3:
+        raise ValueError(f"a picture of 3 channels is needed, not {channels}")
+    # Each row begins with the number of its filter: 0, none.
+    rows = np.concatenate((np.zeros((height, 1), np.uint8), levels.reshape(height, -1)), axis=1)
+    chunks = (
+        (b"IHDR", struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)),
+        (b"sRGB", b"\0"),
+        (b"IDAT", zlib.compress(rows.tobytes(), 6)),
+        (b"IEND", b""),
+    )
+    with open(path, "wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n")
+        for kind, data in chunks:
+            file.write(struct.pack(">I", len(data)) + kind + data)
+            file.write(struct.pack(">I", zlib.crc32(kind + data)))
+
+
+@contextmanager
+def _output_to(scene: bpy.types.Scene, path: Path) -> Iterator[None]:
+    """Let renders of the scene write 32-bit OpenEXR to the path; the user's settings come back."""
+    output = dict(_OUTPUT, filepath=str(path))
+    if hasattr(scene.render, "save_output"):  # since Blender 5.2
+        output["save_output"] = True
+    picture_format = scene.render.image_settings
+    kept = {name: getattr(scene.render, name) for name in output}
+    kept_format = {
+        p.identifier: getattr(picture_format, p.identifier)
+        for p in picture_format.bl_rna.properties
+        if not p.is_readonly
+    }
+    try:
+        _assign(scene.render, output)
+        _assign(picture_format, _FORMAT)
+        yield
+    finally:
+        _assign(scene.render, kept)
+        leading = {name: kept_format.pop(name) for name in list(_FORMAT)[:2]}
+        _assign(picture_format, leading | kept_format)
+
+
+def _assign(settings: bpy.types.bpy_struct, values: dict[str, object]) -> None:
+    for name, value in values.items():
+        setattr(settings, name, value)
