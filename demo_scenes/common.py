@@ -335,6 +335,24 @@ def tiles(
     return nodes
 
 
+def stripes(count: int, share: float, ground: Colour, colour: Colour) -> ColourNodes:
+    """``count`` stripes across U = 0..1, each taking ``share`` of its period."""
+
+    def nodes(tree: bpy.types.NodeTree, uv: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+        u = tree.nodes.new("ShaderNodeSeparateXYZ")
+        tree.links.new(scaled_uv(tree, uv, (count, 1.0)), u.inputs[0])
+        fraction = tree.nodes.new("ShaderNodeMath")
+        fraction.operation = "FRACT"
+        tree.links.new(u.outputs["X"], fraction.inputs[0])
+        striped = tree.nodes.new("ShaderNodeMath")
+        striped.operation = "LESS_THAN"
+        striped.inputs[1].default_value = share
+        tree.links.new(fraction.outputs[0], striped.inputs[0])
+        return mix(tree, striped.outputs[0], ground, colour)
+
+    return nodes
+
+
 def wood(light: Colour, dark: Colour, *, ring: float = 0.016) -> ColourNodes:
     """Grain along U with rings about ``ring`` metres apart (on metric UVs)."""
 
