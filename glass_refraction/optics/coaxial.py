@@ -1,0 +1,450 @@
+"""Equations of cylinders round one axis and of spheres round one centre.
+
+A ray keeps two invariants here, in every medium: ζ = n·d_z and ℓ = n·(x·d_y − y·d_x), with d its
+unit direction. In a medium of index n its transverse momentum is P = √(n² − ζ²), and at radius r
+w = √(P²r² − ℓ²) is r times its radial momentum. With A = arcsin(ℓ / (P r)), passing a radius adds
+±A to the azimuth of the ray's line and ∓w/P² to its length, so that a whole path is a list of
+*terms* (n, r, c):
+
+    azimuth of the line   ψ = constant + Σ c·A
+    height at its foot    z = −ζ Σ c·w / P²
+    geometric length      s = −Σ c·n·w / P²
+
+The eye is one more term, and so is the target (c = +1 on the way in, −1 on the way out). ψ and z
+are the derivatives by ℓ and ζ of one function, the radial action (Fermat's principle), so their
+Jacobian is symmetric. Derived for this project; ray invariants as in any book on Hamiltonian
+optics (for example R. K. Luneburg, Mathematical Theory of Optics).
+
+Spheres are the case ζ = 0 in the plane through eye, centre and target; a parallel view of
+cylinders is the case of a known ζ without the term of the eye.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .glasses import CylinderGlass, SphereGlass
+from .images import Image
+from .paths import Branch, ParallelView
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where rays start and how points are told, in units of the outermost radius.
+
+    Targets become (x, y, z): x towards the eye (against the view's direction in a parallel view),
+    y across, z along the axis from the eye; for spheres y ≥ 0 and z = 0.
+    `eye_radius` is None in a parallel view; `zeta` is None where it is unknown.
+    """
+
+    scale: float
+    medium: int
+    eye: Floats | None
+    eye_radius: float | None
+    axes: Floats  # rows x, y, z of the frame; spheres: row x only
+    direction: Floats | None
+    zeta: float | None
+    spherical: bool
+
+
+def frame_of(glass: CylinderGlass | SphereGlass, eye: Floats | ParallelView) -> Frame:
+    """The frame of a viewpoint."""
+    scale = glass.radius[0]
+    spherical = isinstance(glass, SphereGlass)
+    parallel = isinstance(eye, ParallelView)
+    if parallel:
+        direction = np.asarray(eye.direction)
+        towards, medium, position, zeta = -direction, 0, None, glass.ior_outside * direction[2]
+    else:
+        direction, zeta = None, None
+        medium = int(glass.medium_at(eye))
+        position = towards = eye / scale
+    across = towards.copy()
+    if spherical:
+        zeta = 0.0
+    else:
+        across[2] = 0.0
+    radius = float(np.sqrt(across @ across))
+    if radius < TINY:
+        # On the axis every azimuth is as good: the eye is moved off it by less than rounding.
+        axis, radius = np.array([1.0, 0.0, 0.0]), TINY
+    else:
+        axis = across / radius
+    if spherical:
+        axes = axis[None]
+    else:
+        axes = np.array([axis, [-axis[1], axis[0], 0.0], [0.0, 0.0, 1.0]])
+    return Frame(
+        scale,
+        medium,
+        position,
+        None if parallel else radius,
+        axes,
+        direction,
+        zeta,
+        spherical,
+    )
+
+
+TINY = 1e-15
+"""Distance from the axis, in outer radii, below which a point counts as on it."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """A passage: `count` times the angle at `radius` in the medium of index `ior`."""
+
+    ior: float
+    radius: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Which rays (ℓ, ζ) take a branch: lower(ζ) ≤ |ℓ| < upper(ζ), |ζ| < zeta_max.
+
+    `upper` and `lower` hold (n², r²): the limits are the least √((n² − ζ²) r²) over `upper` and
+    the greatest over `lower` (0 if empty). `zeta_max` is 0 where no ray takes the branch.
+    """
+
+    upper: tuple[tuple[float, float], ...]
+    lower: tuple[tuple[float, float], ...]
+    zeta_max: float
+
+
+def domain_of(glass: CylinderGlass | SphereGlass, branch: Branch) -> Domain:
+    """The domain of a branch, all its stretches included."""
+    media = [ior * ior for ior in glass.media]
+    squares = [(radius / glass.radius[0]) ** 2 for radius in glass.radius]
+    upper, lower = set(), set()
+    for number, interface in enumerate(branch.interfaces):
+        upper.add((media[branch.stretches[number].medium], squares[interface]))
+        upper.add((media[branch.stretches[number + 1].medium], squares[interface]))
+    for stretch in branch.stretches:
+        if stretch.turns and stretch.medium < len(squares):
+            lower.add((media[stretch.medium], squares[stretch.medium]))
+    # upper² − lower² falls with ζ² (outer radii are larger), so the domain ends once.
+    end = min(n2 for n2, _ in upper)
+    for n2_low, r2_low in lower:
+        for n2, r2 in upper:
+            if r2 > r2_low:
+                end = min(end, (n2 * r2 - n2_low * r2_low) / (r2 - r2_low))
+            elif n2 <= n2_low:
+                end = 0.0
+    zeta_max = math.sqrt(end) if end > 0.0 else 0.0
+    return Domain(_extremal(upper, zeta_max, min), _extremal(lower, zeta_max, max), zeta_max)
+
+
+def _extremal(lines, zeta_max, which) -> tuple[tuple[float, float], ...]:
+    """The limits that are the least (or greatest) for some ζ; they are straight lines in ζ²."""
+    end = zeta_max * zeta_max
+    at_ends = {(n2, r2): (n2 * r2, (n2 - end) * r2) for n2, r2 in lines}
+
+    def beats(one, other) -> bool:
+        first, second = at_ends[one], at_ends[other]
+        if first == second:
+            return one < other
+        return all(which(a, b) == a for a, b in zip(first, second, strict=True))
+
+    return tuple(line for line in sorted(lines) if not any(beats(o, line) for o in lines))
+
+
+class Passage:
+    """One stretch of one branch: everything its equations need, for one viewpoint.
+
+    Lengths are in outer radii. `turn` is the constant part of the line's azimuth in half turns.
+    """
+
+    def __init__(
+        self, glass: CylinderGlass | SphereGlass, frame: Frame, branch: Branch, stretch: int
+    ) -> None:
+        media = glass.media
+        radii = [radius / frame.scale for radius in glass.radius]
+        self.frame = frame
+        self.branch = branch
+        self.number = stretch
+        self.stretch = branch.stretches[stretch]
+        self.ior = media[self.stretch.medium]
+        self.eye_ior = media[frame.medium]
+        self.eye_side = -branch.stretches[0].enters  # +1: the ray runs away from the axis
+        self.domain = domain_of(glass, branch)
+        edges = (math.inf, *radii, 0.0)
+        self.outer, self.inner = edges[self.stretch.medium], edges[self.stretch.medium + 1]
+        # The legs of the stretch that a target can lie on: before (−1), after (+1) the foot.
+        self.sides = tuple(sorted({-self.stretch.enters, -self.stretch.leaves}))
+
+        counts: Counter[tuple[float, float]] = Counter()
+        turn = -1 if self.eye_side < 0 else 0
+        for number, interface in enumerate(branch.interfaces[:stretch]):
+            before, after = branch.stretches[number], branch.stretches[number + 1]
+            # arg e = −A on the way out, π + A on the way in
+            counts[media[before.medium], radii[interface]] += before.leaves
+            counts[media[after.medium], radii[interface]] -= after.enters
+            turn += (before.leaves > 0) - (after.enters > 0)
+        self.turn = turn
+        self.walls = tuple(Term(n, r, c) for (n, r), c in sorted(counts.items()) if c)
+        self.eye_term = (
+            None
+            if frame.eye_radius is None
+            else Term(self.eye_ior, frame.eye_radius, self.eye_side)
+        )
+        self.terms = self.walls + ((self.eye_term,) if self.eye_term else ())
+        self.iors = tuple(sorted({term.ior for term in self.terms} | {self.ior, self.eye_ior}))
+
+    # ---- limits -------------------------------------------------------------------------
+
+    def upper(self, zeta2, radius2=None):
+        """Squared upper limit of |ℓ|; with the eye's radius, and a target's if it is given."""
+        limits = list(self.domain.upper)
+        if self.eye_term is not None and self.eye_term.radius < 1.0:
+            limits.append((self.eye_ior**2, self.eye_term.radius**2))
+        least = None
+        for n2, r2 in limits:
+            value = (n2 - zeta2) * r2
+            least = value if least is None else np.minimum(least, value)
+        if radius2 is not None:
+            least = np.minimum(least, (self.ior**2 - zeta2) * radius2)
+        return least
+
+    def lower(self, zeta2):
+        """Squared lower limit of |ℓ|, 0 where every ray close to the axis takes the branch."""
+        greatest = np.zeros_like(zeta2)
+        for n2, r2 in self.domain.lower:
+            greatest = np.maximum(greatest, (n2 - zeta2) * r2)
+        return greatest
+
+    # ---- rays ---------------------------------------------------------------------------
+
+    def follow(self, ell, zeta, slopes=True) -> Line:
+        """The line on which rays (ℓ, ζ) run in this stretch, with its derivatives."""
+        zeta2 = zeta * zeta
+        ell2 = ell * ell
+        p2 = {n: n * n - zeta2 for n in self.iors}
+        real = imag = None
+        sums, spreads = {}, {}
+        for term in self.terms:
+            w = np.sqrt(np.maximum(p2[term.ior] * (term.radius * term.radius) - ell2, SMALLEST))
+            step = ell if term.count > 0 else -ell
+            for _ in range(abs(term.count)):
+                if real is None:
+                    real, imag = w, step
+                else:
+                    real, imag = real * w - imag * step, real * step + imag * w
+            _add(sums, term.ior, term.count * w)
+            if slopes:
+                _add(spreads, term.ior, term.count / w)
+        norm = np.sqrt(real * real + imag * imag)
+        sign = -1.0 if self.turn % 2 else 1.0
+        norm = np.where(norm > 0.0, norm, 1.0) * sign
+        height = length = turn_ell = bend = height_zeta = 0.0
+        for n, total in sums.items():
+            part = total / p2[n]
+            height = height - part
+            length = length - n * part
+            if slopes:
+                spread = spreads[n] / p2[n]
+                turn_ell = turn_ell + spreads[n]
+                bend = bend + spread
+                height_zeta = height_zeta - (part * (n * n) - zeta2 * ell2 * spread) / p2[n]
+        momentum = np.sqrt(p2[self.ior])
+        return Line(
+            ell,
+            zeta,
+            momentum,
+            real / norm,
+            imag / norm,
+            zeta * height,
+            length,
+            turn_ell,
+            ell * zeta * bend,
+            height_zeta,
+        )
+
+    # ---- targets ------------------------------------------------------------------------
+
+    def candidates(self, points: Floats) -> NDArray[np.bool_]:
+        """Which points (N, 3) lie in the medium of this stretch, its interfaces included."""
+        if self.frame.spherical:
+            radius = np.sqrt(np.sum(points * points, axis=-1)) / self.frame.scale
+        else:
+            radius = np.hypot(points[:, 0], points[:, 1]) / self.frame.scale
+        return (radius <= self.outer * (1.0 + NEARLY)) & (radius >= self.inner * (1.0 - NEARLY))
+
+    def targets(self, points: Floats) -> tuple[Floats, ...]:
+        """Points in the frame: x, y, z in outer radii, moved radially into the medium."""
+        frame = self.frame
+        scaled = points / frame.scale
+        if frame.spherical:
+            x = scaled @ frame.axes[0]
+            y = np.sqrt(np.sum((scaled - x[:, None] * frame.axes[0]) ** 2, axis=-1))
+            z = np.zeros(len(x))
+        else:
+            x = scaled[:, 0] * frame.axes[0, 0] + scaled[:, 1] * frame.axes[0, 1]
+            y = scaled[:, 1] * frame.axes[0, 0] - scaled[:, 0] * frame.axes[0, 1]
+            z = scaled[:, 2] - (0.0 if frame.eye is None else frame.eye[2])
+        radius = np.hypot(x, y)
+        wanted = np.clip(radius, max(self.inner, TINY), self.outer)
+        on_axis = radius < TINY
+        factor = wanted / np.where(on_axis, 1.0, radius)
+        return np.where(on_axis, -TINY, x * factor), np.where(on_axis, 0.0, y * factor), z
+
+    def start(self, x, y, z):
+        """The invariants of the straight ray from the eye, moved into the domain."""
+        frame = self.frame
+        if frame.eye is None:
+            zeta = np.full(len(x), frame.zeta)
+            ell = np.sqrt(np.maximum(self.eye_ior**2 - zeta * zeta, 0.0)) * y
+        else:
+            away_x = x - frame.eye_radius
+            reach = self.eye_ior / np.sqrt(away_x * away_x + y * y + z * z)
+            ell, zeta = frame.eye_radius * y * reach, z * reach
+        return self.into_domain(ell, zeta, 0.95)
+
+    def into_domain(self, ell, zeta, part):
+        """The nearest invariants within `part` of the domain."""
+        end = part * self.domain.zeta_max
+        if self.frame.zeta is None:
+            zeta = np.clip(zeta, -end, end)
+        bound = part * np.sqrt(np.maximum(self.upper(zeta * zeta), 0.0))
+        return np.clip(ell, -bound, bound), zeta
+
+    def step(self, ell, zeta, x, y, z):
+        """One Newton step in both invariants, kept in the domain; and its angle at the eye."""
+        line = self.follow(ell, zeta)
+        along, across, rise, p = line.misses(x, y, z)
+        # The residuals are linear in the target: distance from the line across, and along z.
+        a = 1.0 / p - line.turn_ell * along
+        side = line.uy_cross(x, y)
+        if self.frame.zeta is None:
+            b = ell * zeta / (p * p * p) - line.turn_zeta * along
+            slope = zeta / p
+            c = line.turn_zeta + slope * line.turn_ell * side
+            d = (
+                line.height_zeta
+                + along * self.ior**2 / (p * p * p)
+                + slope * line.turn_zeta * side
+            )
+            determinant = a * d - b * c
+            determinant = np.where(determinant == 0.0, SMALLEST, determinant)
+            new_ell = ell - (d * across - b * rise) / determinant
+            new_zeta = zeta - (a * rise - c * across) / determinant
+        else:
+            new_ell = ell - across / np.where(a == 0.0, SMALLEST, a)
+            new_zeta = zeta
+        new_ell, new_zeta = self.into_domain(new_ell, new_zeta, 1.0 - 1e-12)
+        return new_ell, new_zeta, self.angle(ell, zeta, new_ell, new_zeta)
+
+    def angle(self, ell, zeta, new_ell, new_zeta):
+        """About the angle at the eye between two rays."""
+        p2 = self.eye_ior**2 - new_zeta * new_zeta
+        turned = np.abs(new_zeta - zeta) / np.sqrt(p2)
+        if self.eye_term is None:
+            return turned + np.abs(new_ell - ell)
+        radius2 = self.eye_term.radius**2
+        radial = np.sqrt(np.maximum(p2 * radius2 - new_ell * new_ell, 1e-12 * p2 * radius2))
+        return turned + np.abs(new_ell - ell) / radial
+
+    # ---- images -------------------------------------------------------------------------
+
+    def image(self, ell, zeta, x, y, z, points, leg) -> tuple[Image, Floats]:
+        """What the eye sees along rays (ℓ, ζ); also how far behind the foot the target lies.
+
+        `leg` tells on which side of the foot to stay (−1, 0 for either, 1).
+        """
+        frame = self.frame
+        line = self.follow(ell, zeta, slopes=False)
+        along, across, rise, p = line.misses(x, y, z)
+        if frame.zeta is not None:
+            rise = 0.0  # the ray's height is free in a parallel view, and no matter in a sphere
+        residual = np.sqrt(across * across + (rise * p / self.ior) ** 2)
+        length = line.length + along * self.ior / p
+        scale = frame.scale
+        basis = frame.axes
+        if frame.spherical:
+            basis = (basis[0], self._sideways(points))
+        if frame.eye is None:
+            p_eye = np.sqrt(self.eye_ior**2 - zeta * zeta)
+            foot_y = ell / p_eye
+            foot = foot_y[:, None] * basis[1]
+            if not frame.spherical:
+                level = z - line.height - zeta * along / p
+                foot = foot + level[:, None] * basis[2]
+            direction = np.broadcast_to(frame.direction, points.shape)
+            position = scale * (foot + length[:, None] * frame.direction)
+            distance = position @ frame.direction
+        else:
+            radius = frame.eye_radius
+            p2 = self.eye_ior**2 - zeta * zeta
+            w = np.sqrt(np.maximum(p2 * radius**2 - ell * ell, 0.0))
+            direction = (self.eye_side * w / radius)[:, None] * basis[0]
+            direction = direction + (ell / radius)[:, None] * basis[1]
+            if not frame.spherical:
+                direction = direction + zeta[:, None] * basis[2]
+            direction = direction / np.sqrt(np.sum(direction * direction, axis=-1))[:, None]
+            distance = scale * length
+            position = scale * frame.eye + distance[:, None] * direction
+        return Image(direction, distance, position, scale * residual), along
+
+    def _sideways(self, points):
+        """For spheres: the unit direction of y of each point, (N, 3)."""
+        axis = self.frame.axes[0]
+        across = points - (points @ axis)[:, None] * axis
+        across = across - (across @ axis)[:, None] * axis
+        size = np.sqrt(np.sum(across * across, axis=-1))
+        # On the axis any perpendicular will do.
+        other = np.eye(3)[np.argmin(np.abs(axis))]
+        other = np.cross(axis, other)
+        other = other / np.sqrt(other @ other)
+        lost = size < TINY * self.frame.scale
+        unit = across / np.where(lost, 1.0, size)[:, None]
+        return np.where(lost[:, None], other, unit)
+
+
+NEARLY = 1e-12
+"""Relative width within which a point counts as on an interface."""
+
+
+SMALLEST = 1e-280
+"""Floor of w², so that 1/w stays finite at the edge of a domain."""
+
+
+def _add(sums: dict, key: float, value) -> None:
+    sums[key] = sums[key] + value if key in sums else value
+
+
+@dataclass(frozen=True)
+class Line:
+    """Where rays run in one stretch: transverse direction, foot, and derivatives.
+
+    `ux`, `uy`: unit transverse direction. `height`, `length`: z and geometric length at the foot
+    (the point nearest the axis). `turn_ell` = ∂ψ/∂ℓ, `turn_zeta` = ∂ψ/∂ζ = ∂height/∂ℓ,
+    `height_zeta` = ∂height/∂ζ.
+    """
+
+    ell: Floats
+    zeta: Floats
+    momentum: Floats
+    ux: Floats
+    uy: Floats
+    height: Floats
+    length: Floats
+    turn_ell: Floats | float
+    turn_zeta: Floats | float
+    height_zeta: Floats | float
+
+    def misses(self, x, y, z):
+        """Way from the foot to a target, and its distances from the line across and along z."""
+        along = self.ux * x + self.uy * y
+        across = self.uy_cross(x, y) + self.ell / self.momentum
+        rise = self.height + self.zeta * along / self.momentum - z
+        return along, across, rise, self.momentum
+
+    def uy_cross(self, x, y):
+        return self.ux * y - self.uy * x

@@ -1,0 +1,56 @@
+"""Images of points: the record that callers get, and the piece that each family computes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ApparentPoints:
+    """Where points appear along one light path.
+
+    The leading axis B counts images (slots): in a slot all images lie on one stretch and one
+    sheet, so that neighbouring vertices in it belong together.
+
+    Attributes
+    ----------
+    direction : (B, N, 3)
+        Unit vectors from the eye towards the image; in a parallel view, the view's direction.
+    distance : (B, N)
+        Geometric length of the light path in metres; in a parallel view counted from the plane
+        through the frame's origin across the view's direction.
+    position : (B, N, 3)
+        Where the displaced vertex goes, metres, in the glass's frame. Where `valid` is False it
+        lies at the nearest edge of the sheet that was found, so that a triangle ends there.
+    valid : (B, N) bool
+        This image exists.
+    residual : (B, N)
+        Distance at which the traced ray passes the point, metres.
+    stretch : (B,) int
+        Events passed before the point is met.
+    iterations : int
+        Most solver steps that any point took.
+    """
+
+    direction: Floats
+    distance: Floats
+    position: Floats
+    valid: NDArray[np.bool_]
+    residual: Floats
+    stretch: NDArray[np.intp]
+    iterations: int
+
+
+@dataclass
+class Image:
+    """One image of N points: as in `ApparentPoints`, without the axis B."""
+
+    direction: Floats
+    distance: Floats
+    position: Floats
+    residual: Floats

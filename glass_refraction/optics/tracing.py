@@ -1,0 +1,282 @@
+"""Forward tracing with plain vector refraction, one interface after the other.
+
+This is the slow, obvious way: it knows nothing of ray invariants, so it decides every case the
+solver returns. The weights are folded over the same walk.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .glasses import CylinderGlass, FlatGlass, Glass
+from .laws import fresnel, reflect, refract
+from .paths import LightPath, as_path
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TracedRays:
+    """Rays after the last event of a path.
+
+    Attributes
+    ----------
+    origin : (M, 3)
+        The last point met, metres (the given origin for the path "").
+    direction : (M, 3)
+        Unit.
+    length : (M,)
+        Geometric length from the given origin to `origin`, metres.
+    valid : (M,) bool
+        The ray takes the whole path. Elsewhere the numbers are finite and mean nothing.
+    """
+
+    origin: Floats
+    direction: Floats
+    length: Floats
+    valid: Flags
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Rays on their way: `medium` they are in, `heading` deeper (+1) or back out (−1)."""
+
+    origin: Floats
+    direction: Floats
+    length: Floats
+    medium: NDArray[np.intp]
+    heading: NDArray[np.intp]
+
+    def take(self, which: NDArray) -> Bundle:
+        return Bundle(
+            self.origin[which],
+            self.direction[which],
+            self.length[which],
+            self.medium[which],
+            self.heading[which],
+        )
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Where the rays of a bundle meet their next interface.
+
+    `interface`: its index, −1 where the ray meets none. `inside`: the place lies within the
+    glass's outline or extent. `normal`: unit, on the side the ray comes from.
+    """
+
+    interface: NDArray[np.intp]
+    point: Floats
+    normal: Floats
+    inside: Flags
+    distance: Floats
+
+    @property
+    def met(self) -> Flags:
+        return self.interface >= 0
+
+    def take(self, which: NDArray) -> Meeting:
+        return Meeting(
+            self.interface[which],
+            self.point[which],
+            self.normal[which],
+            self.inside[which],
+            self.distance[which],
+        )
+
+
+def start(glass: Glass, origin: ArrayLike, direction: ArrayLike) -> tuple[Bundle, Flags]:
+    """A bundle of rays, and which of them are proper (finite, with a direction)."""
+    direction = np.atleast_2d(np.asarray(direction, dtype=float))
+    origin = np.broadcast_to(np.asarray(origin, dtype=float), direction.shape)
+    largest = np.abs(direction).max(axis=-1, initial=0.0)
+    proper = np.isfinite(largest) & (largest > 0.0) & np.isfinite(origin).all(axis=-1)
+    direction = np.where(proper[:, None], direction, (0.0, 0.0, 1.0))
+    origin = np.where(proper[:, None], origin, 0.0)
+    direction = direction / np.where(proper, largest, 1.0)[:, None]
+    direction = direction / np.sqrt(np.sum(direction * direction, axis=-1, keepdims=True))
+    medium = glass.medium_at(origin)
+    if isinstance(glass, FlatGlass):
+        deeper = direction[:, 2] < 0.0
+        # A ray that starts on an interface and runs up starts above it, down: below it counts
+        # as starting above and meeting it at once.
+    else:
+        axes = _transverse_axes(glass)
+        deeper = np.sum(origin[:, :axes] * direction[:, :axes], axis=-1) < 0.0
+    heading = np.where(deeper, 1, -1)
+    return Bundle(origin, direction, np.zeros(len(direction)), medium, heading), proper
+
+
+def _transverse_axes(glass: Glass) -> int:
+    return 2 if isinstance(glass, CylinderGlass) else 3
+
+
+def meet(glass: Glass, rays: Bundle) -> Meeting:
+    """The next interface of every ray."""
+    if isinstance(glass, FlatGlass):
+        return _meet_flat(glass, rays)
+    return _meet_coaxial(glass, rays)
+
+
+def _meet_flat(glass: FlatGlass, rays: Bundle) -> Meeting:
+    heights = glass.heights
+    down = rays.direction[:, 2]
+    interface = np.where(rays.heading > 0, rays.medium, rays.medium - 1)
+    met = (interface >= 0) & (interface < len(heights)) & (down != 0.0)
+    interface = np.where(met, interface, -1)
+    height = heights[interface]
+    distance = np.zeros(len(down))
+    np.divide(height - rays.origin[:, 2], down, out=distance, where=met)
+    # Almost horizontal rays overflow; they meet the plane nowhere that matters.
+    met &= np.isfinite(distance) & (distance < 1e150)
+    interface = np.where(met, interface, -1)
+    distance = np.where(met, np.maximum(distance, 0.0), 0.0)
+    point = rays.origin + distance[:, None] * rays.direction
+    point[:, 2] = np.where(met, height, point[:, 2])
+    normal = np.zeros_like(point)
+    normal[:, 2] = rays.heading
+    inside = met if glass.outline is None else met & inside_outline(glass.outline, point)
+    return Meeting(interface, point, normal, inside, distance)
+
+
+def inside_outline(outline: tuple, points: Floats) -> Flags:
+    """Which points (..., 2 or 3) lie within the polygon, by the even-odd rule in x, y."""
+    x, y = points[..., 0], points[..., 1]
+    inside = np.zeros(x.shape, dtype=bool)
+    for (x0, y0), (x1, y1) in zip(outline, outline[1:] + outline[:1], strict=True):
+        if y0 == y1:
+            continue
+        spans = (y0 > y) != (y1 > y)
+        inside ^= spans & (x < x0 + (y - y0) * ((x1 - x0) / (y1 - y0)))
+    return inside
+
+
+def _meet_coaxial(glass: Glass, rays: Bundle) -> Meeting:
+    axes = _transverse_axes(glass)
+    origin, direction = rays.origin[:, :axes], rays.direction[:, :axes]
+    speed = np.sqrt(np.sum(direction * direction, axis=-1))
+    moving = speed > 1e-150
+    unit = direction / np.where(moving, speed, 1.0)[:, None]
+    foot = -np.sum(origin * unit, axis=-1)  # transverse way to the point nearest the axis
+    if axes == 2:
+        nearest = np.abs(origin[:, 0] * unit[:, 1] - origin[:, 1] * unit[:, 0])
+    else:
+        nearest = np.sqrt(np.sum(np.cross(origin, unit) ** 2, axis=-1))
+    distance_from_axis = np.sqrt(np.sum(origin * origin, axis=-1))
+
+    radii = np.array((*glass.radius, 0.0))
+    inner = radii[rays.medium]  # 0 in the core: nothing to meet
+    hits_inner = (rays.heading > 0) & (nearest < inner) & moving
+    outer = np.array((np.inf, *glass.radius))[rays.medium]
+    hits_outer = ~hits_inner & (rays.medium > 0) & moving
+    radius = np.where(hits_inner, inner, np.where(hits_outer, outer, 1.0))
+    half = np.sqrt(np.maximum((radius - nearest) * (radius + nearest), 0.0))
+    # Near root without cancellation: product of the two roots over the far one.
+    product = (distance_from_axis - radius) * (distance_from_axis + radius)
+    far = foot + half
+    near = product / np.where(hits_inner & (far > 0.0), far, 1.0)
+    way = np.where(hits_inner, near, np.where(foot >= 0.0, far, 0.0))
+    outward = half - foot
+    way = np.where(
+        hits_outer & (foot < 0.0), -product / np.where(outward > 0.0, outward, 1.0), way
+    )
+    way = np.maximum(way, 0.0)
+    met = hits_inner | hits_outer
+    interface = np.where(hits_inner, rays.medium, np.where(hits_outer, rays.medium - 1, -1))
+    distance = np.where(met, way / np.where(moving, speed, 1.0), 0.0)
+    point = rays.origin + distance[:, None] * rays.direction
+    across = point[:, :axes]
+    reached = np.sqrt(np.sum(across * across, axis=-1))
+    # Back onto the surface: rounding must not grow from interface to interface.
+    across *= np.where(met, radius / np.where(reached > 0.0, reached, 1.0), 1.0)[:, None]
+    normal = np.zeros_like(point)
+    side = np.where(hits_inner, 1.0, -1.0) / radius
+    normal[:, :axes] = across * np.where(met, side, 0.0)[:, None]
+    inside = met
+    if isinstance(glass, CylinderGlass) and glass.extent is not None:
+        low, high = glass.extent
+        inside = met & (point[:, 2] >= low) & (point[:, 2] <= high)
+    return Meeting(interface, point, normal, inside, distance)
+
+
+def advance(
+    glass: Glass, rays: Bundle, meeting: Meeting, event: str
+) -> tuple[Bundle, Flags]:
+    """Rays after `event` at their meeting, and which of them can take it.
+
+    Every ray must have met an interface.
+    """
+    length = rays.length + meeting.distance
+    inward = meeting.interface == rays.medium
+    if event == "R":
+        direction = reflect(rays.direction, meeting.normal)
+        after = Bundle(
+            meeting.point, direction, length, rays.medium, np.where(inward, -1, 1)
+        )
+        return after, np.ones(len(length), dtype=bool)
+    behind = np.where(inward, rays.medium + 1, rays.medium - 1)
+    media = np.asarray(glass.media)
+    direction, total = refract(
+        rays.direction, meeting.normal, media[rays.medium] / media[behind]
+    )
+    after = Bundle(meeting.point, direction, length, behind, np.where(inward, 1, -1))
+    return after, ~total
+
+
+def reflectance(glass: Glass, rays: Bundle, meeting: Meeting) -> Floats:
+    """Fresnel's reflectance of every ray at its meeting."""
+    media = np.asarray(glass.media)
+    behind = np.where(meeting.interface == rays.medium, rays.medium + 1, rays.medium - 1)
+    cos_incident = -np.sum(rays.direction * meeting.normal, axis=-1)
+    return fresnel(cos_incident, media[rays.medium] / media[behind])
+
+
+def trace(
+    glass: Glass, origin: ArrayLike, direction: ArrayLike, path: LightPath | str
+) -> TracedRays:
+    """Follow rays through all events of a path.
+
+    Parameters
+    ----------
+    glass
+        In whose frame everything is given.
+    origin : (3,) or (M, 3)
+        Where the rays start, metres.
+    direction : (M, 3)
+        Need not be unit.
+    path
+        A `LightPath` or its events.
+
+    Returns
+    -------
+    TracedRays
+        `valid` where the ray takes the whole path and meets no further interface. A ray that
+        would meet a face outside its outline or extent does not take the path; one whose first
+        meeting is outside misses the glass, which is the path "".
+    """
+    events = as_path(path).events
+    rays, proper = start(glass, origin, direction)
+    index = np.flatnonzero(proper)
+    origins, directions, lengths = (
+        rays.origin.copy(),
+        rays.direction.copy(),
+        rays.length.copy(),
+    )
+    valid = np.zeros(len(proper), dtype=bool)
+    last = rays.take(index)
+    for event in events:
+        meeting = meet(glass, last)
+        on = np.flatnonzero(meeting.inside)
+        last, possible = advance(glass, last.take(on), meeting.take(on), event)
+        index = index[on][possible]
+        last = last.take(possible)
+    meeting = meet(glass, last)
+    ends = ~meeting.met if events else ~meeting.inside
+    index, last = index[ends], last.take(ends)
+    origins[index], directions[index], lengths[index] = last.origin, last.direction, last.length
+    valid[index] = True
+    return TracedRays(origins, directions, lengths, valid)
