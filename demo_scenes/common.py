@@ -18,7 +18,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Vector
+from mathutils import Matrix, Quaternion, Vector
 
 FOLDER = Path(__file__).resolve().parent
 RESOLUTION = (800, 600)
@@ -108,6 +108,20 @@ def link(scene: bpy.types.Scene, name: str, data: bpy.types.ID | None) -> bpy.ty
     return obj
 
 
+def place(obj: bpy.types.Object, position: Sequence[float], rotation: Matrix | Quaternion) -> None:
+    """Put ``obj`` at ``position`` (metres), turned by ``rotation``, with a scale of exactly one.
+
+    Assigning ``matrix_world`` would leave rounding errors in the scale.
+    """
+    obj.location = position
+    obj.rotation_euler = rotation.to_euler()
+
+
+def settle(scene: bpy.types.Scene, frame: int) -> None:
+    """Go to ``frame`` and bring all matrices up to date, as they will be when the file is read."""
+    scene.frame_set(frame)
+
+
 def activate(obj: bpy.types.Object) -> None:
     """Make ``obj`` the active and the only selected object, as the operators expect."""
     view_layer = bpy.context.view_layer
@@ -180,7 +194,7 @@ def camera(
     obj = link(scene, "Camera", data)
     position = Vector(position)
     rotation = (Vector(target) - position).to_track_quat("-Z", "Y")
-    obj.matrix_world = Matrix.LocRotScale(position, rotation, None)
+    place(obj, position, rotation)
     scene.camera = obj
     return obj
 

@@ -38,8 +38,8 @@ ERASER_TURN = math.radians(-9.0)
 
 FRAMES = (1, 24)
 PICTURE_FRAME = 12  # the frame that the file opens with: half behind the glass, half beside it
-PATH_START = (0.078, 0.072)
-PATH_END = (0.020, 0.072)
+PATH_START = (0.069, 0.072)
+PATH_END = (0.016, 0.072)
 WALL_DISTANCE = 0.150
 
 
@@ -77,7 +77,7 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
     common.camera(scene, (0.014, -0.330, 0.092), (0.014, 0.0, 0.054), 0.050)
     if with_glass:
         add_glass()
-    scene.frame_set(PICTURE_FRAME)
+    common.settle(scene, PICTURE_FRAME)
     return scene
 
 

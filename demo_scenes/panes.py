@@ -75,6 +75,7 @@ def build(
     remains. ``subdivision``: edges along each side of the teapot's patches.
     """
     scene = common.empty_scene("panes")
+    scene.frame_start = scene.frame_end = 1
     wall = common.quad("Wall", _units(-14, 2.6, -4), _units(28, 0, 0), _units(0, 0, 16))
     paper = common.tiles(
         0.5 * UNIT, 0.5 * UNIT, 0.035 * UNIT, ((0.60, 0.52, 0.34), (0.70, 0.62, 0.43)),
@@ -96,12 +97,13 @@ def build(
     pot.materials.append(common.material("Teapot glaze", glaze, unlit=unlit))
     for name, pane in PANES.items():
         obj = common.link(scene, name.replace("Pane", "Teapot"), pot)
-        obj.matrix_world = pot_matrix(pane)
+        common.place(obj, pot_matrix(pane).translation, pot_matrix(pane).to_3x3())
 
     common.light_up(scene, unlit=unlit, sun_direction=(0.50, 0.75, -0.34), sun_strength=2.4)
     common.camera(scene, _units(*CAMERA), _units(*TARGET), FOCAL_LENGTH)
     if with_glass:
         add_panes(scene)
+    common.settle(scene, scene.frame_start)
     return scene
 
 
@@ -130,8 +132,8 @@ def pane_outlines(scene: bpy.types.Scene) -> list[bpy.types.Object]:
         # Facing the camera with its Y axis upright, then leaning back: what is seen through it
         # moves up or down, which breaks spout and handle at the pane's left and right borders.
         facing = to_camera.to_track_quat("Z", "Y")
-        rotation = facing.to_matrix().to_4x4() @ Matrix.Rotation(-pane.inclination, 4, "X")
-        obj.matrix_world = Matrix.Translation(hidden + STAND_OFF * UNIT * to_camera) @ rotation
+        rotation = facing.to_matrix() @ Matrix.Rotation(-pane.inclination, 3, "X")
+        common.place(obj, hidden + STAND_OFF * UNIT * to_camera, rotation)
         result.append(obj)
     return result
 
