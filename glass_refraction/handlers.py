@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Changes come in here and leave by the one door, ``scene.update``.
+
+Blender reports a change in three ways: ``depsgraph_update_post`` (edits), ``frame_change_post``
+(animation, and every frame of a render) and the settings' own ``update=`` callbacks. Data-blocks
+may be made neither in the first two nor while a render runs in its own thread, so an edit only asks
+for :func:`_prepare_and_update`, which a timer runs once the event is over. In background mode no
+timer runs; there a render prepares itself in ``render_init``, in the main thread.
+
+Nothing here calls an operator or evaluates a depsgraph: inside a handler that recurses.
+"""
+
+from __future__ import annotations
+
+import threading
+
+import bpy
+from bpy.app.handlers import persistent
+
+from .scene import update as door
+from .scene.names import RefractiveGlassError, TAG, own
+
+_asked: set[int] = set()
+_rendering = False
+
+
+def request_update(scene: bpy.types.Scene | None) -> None:
+    """Ask for the scene to be prepared and updated once the present event is over."""
+    if scene is None or bpy.app.background or own(scene):
+        return
+    _asked.add(scene.original.session_uid)
+    if not bpy.app.timers.is_registered(_serve):
+        bpy.app.timers.register(_serve, first_interval=0.0)
+
+
+def _serve() -> float | None:
+    """Timer: prepare and update the scenes that asked."""
+    if _rendering:
+        return 0.5
+    for scene in bpy.data.scenes:
+        if scene.session_uid in _asked:
+            _prepare_and_update(scene)
+    _asked.clear()
+    return None
+
+
+def _prepare_and_update(scene: bpy.types.Scene) -> None:
+    """Bring a scene up to date; what is wrong with it ends in its status, for the panel."""
+    depsgraph = scene.view_layers[0].depsgraph
+    if depsgraph is None:
+        return
+    try:
+        door.prepare(scene, depsgraph)
+        door.update(scene, depsgraph)
+    except RefractiveGlassError as error:
+        door.status(scene).problems = [str(error)]
+
+
+@persistent
+def _on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    if _rendering or own(scene):
+        return
+    # Only what the optics can depend on: an own data-block's change is no news.
+    if any(isinstance(u.id, _RELEVANT) and not u.id.get(TAG) for u in depsgraph.updates):
+        request_update(scene)
+
+
+_RELEVANT = (
+    bpy.types.Object,
+    bpy.types.Mesh,
+    bpy.types.Curve,
+    bpy.types.Camera,
+    bpy.types.Collection,
+    bpy.types.Scene,
+)
+
+
+@persistent
+def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    if own(scene) or depsgraph.mode != "RENDER":
+        request_update(scene)
+        return
+    try:
+        door.update(scene.original, depsgraph)
+    except RefractiveGlassError as error:
+        door.status(scene).problems = [str(error)]
+
+
+@persistent
+def _on_render_init(scene: bpy.types.Scene, *_) -> None:
+    global _rendering
+    _rendering = True
+    if threading.current_thread() is not threading.main_thread() or own(scene):
+        return
+    depsgraph = scene.view_layers[0].depsgraph
+    if depsgraph is None:
+        return
+    try:
+        door.prepare(scene, depsgraph)
+    except RefractiveGlassError as error:
+        door.remove(scene)
+        door.status(scene).problems = [str(error)]
+        print(f"Refractive Glass: {error}")
+
+
+@persistent
+def _on_render_end(*_) -> None:
+    global _rendering
+    _rendering = False
+
+
+@persistent
+def _on_data_replaced(*_) -> None:
+    door.forget()
+
+
+_TABLE = (
+    ("depsgraph_update_post", _on_depsgraph_update),
+    ("frame_change_post", _on_frame_change),
+    ("render_init", _on_render_init),
+    ("render_complete", _on_render_end),
+    ("render_cancel", _on_render_end),
+    ("undo_post", _on_data_replaced),
+    ("redo_post", _on_data_replaced),
+    ("load_post", _on_data_replaced),
+)
+
+
+def register() -> None:
+    """Append every handler."""
+    for name, function in _TABLE:
+        getattr(bpy.app.handlers, name).append(function)
+
+
+def unregister() -> None:
+    """Take every handler and the timer out again."""
+    for name, function in _TABLE:
+        handlers = getattr(bpy.app.handlers, name)
+        if function in handlers:
+            handlers.remove(function)
+    if bpy.app.timers.is_registered(_serve):
+        bpy.app.timers.unregister(_serve)
+    _asked.clear()
+    door.forget()

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Everything that the extension registers, in order, and the way back."""
+
+from __future__ import annotations
+
+from . import handlers
+from .ui import menus, operators, panels, properties
+
+_PARTS = (properties, operators, panels, menus, handlers)
+
+
+def register() -> None:
+    """Register all parts."""
+    for part in _PARTS:
+        part.register()
+
+
+def unregister() -> None:
+    """Unregister all parts, last first."""
+    for part in reversed(_PARTS):
+        part.unregister()

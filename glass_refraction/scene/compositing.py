@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The composited picture: one node group behind the user's Render Layers node.
+
+Inside each glass's visible outline the picture is the sum over light paths of weight times layer.
+In TRUE shading a path's layer is the direct picture, looked up where the copy's true place
+projects; where the direct picture does not show that place, the copy as shaded where it is drawn.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from .arrays import write_image
+from .layers import DEPTH_LAYER, ENVIRONMENT_LAYER, Layers, Pane
+from .names import TAG, hidden_name, own
+from .regions import FILTER_WIDTH, Regions, blackman_harris
+
+CHANNELS = 3
+"""Weights kept in one image: its colour channels. (Alpha would be multiplied into them.)"""
+DEPTH_TOLERANCE = 0.004
+"""Relative difference of depth above which a place counts as hidden in the direct picture."""
+
+
+def insert_group(
+    scene: bpy.types.Scene, layers: Layers, panes: list[Pane], true_shading: bool, subdivision: int
+) -> None:
+    """Put the extension's node group behind the scene's Render Layers node.
+
+    The user's tree keeps every node and link; only what the Render Layers node's Image fed is now
+    fed through the group. Where there is no tree, one is made, and removed with the group.
+    """
+    remove_group(scene)
+    tree = scene.compositing_node_group
+    if tree is None:
+        tree = _plain_tree(scene)
+    group = _Group(scene, layers, panes, true_shading, subdivision).tree
+    render_layers = _render_layers(scene, tree)
+    if render_layers is None:
+        bpy.data.node_groups.remove(group)
+        return
+    node = tree.nodes.new("CompositorNodeGroup")
+    node.node_tree = group
+    node[TAG] = "group"
+    node.name = node.label = "Refractive Glass"
+    node.location = (render_layers.location.x + 280, render_layers.location.y)
+    image = render_layers.outputs["Image"]
+    fed = [link.to_socket for link in image.links]
+    tree.links.new(image, node.inputs["Image"])
+    tree.links.new(render_layers.outputs["Alpha"], node.inputs["Alpha"])
+    for socket in fed:
+        tree.links.new(node.outputs["Image"], socket)
+    for number, own_scene in enumerate((layers.lookup, layers.displaced)):
+        # Blender 5.0 renders another scene only if the tree itself, not a group in it, asks.
+        asking = tree.nodes.new("CompositorNodeRLayers")
+        asking[TAG] = "asking"
+        asking.scene = own_scene
+        asking.hide = True
+        asking.label = f"Refractive Glass: {own_scene[TAG]}"
+        asking.location = (node.location.x, node.location.y - 220 - 50 * number)
+
+
+def remove_group(scene: bpy.types.Scene) -> None:
+    """Take the extension's nodes out of the scene's tree and join again what they stood between."""
+    tree = scene.compositing_node_group
+    if tree is None:
+        return
+    for node in [n for n in tree.nodes if n.get(TAG)]:
+        if node[TAG] == "group" and node.inputs["Image"].is_linked:
+            source = node.inputs["Image"].links[0].from_socket
+            for socket in [link.to_socket for link in node.outputs["Image"].links]:
+                tree.links.new(source, socket)
+        inner = node.node_tree if node[TAG] == "group" else None
+        tree.nodes.remove(node)
+        if inner is not None and inner.users == 0:
+            _remove_tree(inner)
+    if own(tree, "compositor"):
+        scene.compositing_node_group = None
+        if tree.users == 0:
+            bpy.data.node_groups.remove(tree)
+
+
+def has_group(scene: bpy.types.Scene) -> bool:
+    """Whether the scene's tree holds the extension's group."""
+    tree = scene.compositing_node_group
+    return tree is not None and any(n.get(TAG) == "group" for n in tree.nodes)
+
+
+def write_weights(
+    scene: bpy.types.Scene, pane: Pane, regions: Regions, size: tuple[int, int], fresnel: bool
+) -> None:
+    """Write a glass's path weights into the images that the node group reads."""
+    weights = regions.full(regions.weights, size)
+    rest = np.clip(1.0 - weights.sum(axis=0), 0.0, 1.0) if fresnel else np.zeros(weights.shape[1:])
+    planes = [*weights, rest]
+    for number in range(0, len(planes), CHANNELS):
+        pixels = np.ones((size[1], size[0], 4), np.float32)
+        for channel, plane in enumerate(planes[number : number + CHANNELS]):
+            pixels[..., channel] = plane
+        write_image(weight_image(scene, pane, number // CHANNELS), pixels)
+
+
+def weight_image(scene: bpy.types.Scene, pane: Pane, number: int) -> bpy.types.Image:
+    """The image that holds a glass's weights of paths 3 number to 3 number + 2."""
+    name = hidden_name("weights", scene.name, pane.glass.name, str(number))
+    return _own_image(name, "weights")
+
+
+def _own_image(name: str, role: str) -> bpy.types.Image:
+    for image in bpy.data.images:
+        if own(image, role) and image.name == name:
+            return image
+    image = bpy.data.images.new(name, 4, 4, float_buffer=True, is_data=True)
+    image[TAG] = role
+    image.alpha_mode = "CHANNEL_PACKED"
+    return image
+
+
+def _plain_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
+    tree = bpy.data.node_groups.new(hidden_name("compositor", scene.name), "CompositorNodeTree")
+    tree[TAG] = "compositor"
+    tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    render_layers = tree.nodes.new("CompositorNodeRLayers")
+    render_layers.scene = scene
+    end = tree.nodes.new("NodeGroupOutput")
+    end.location = (600, 0)
+    tree.links.new(render_layers.outputs["Image"], end.inputs["Image"])
+    scene.compositing_node_group = tree
+    return tree
+
+
+def _render_layers(scene: bpy.types.Scene, tree: bpy.types.NodeTree):
+    """The tree's Render Layers node of the scene's first rendered view layer."""
+    nodes = [
+        n
+        for n in tree.nodes
+        if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene and not n.get(TAG)
+    ]
+    first = next((layer.name for layer in scene.view_layers if layer.use), None)
+    return next((n for n in nodes if n.layer == first), nodes[0] if nodes else None)
+
+
+def _remove_tree(tree: bpy.types.NodeTree) -> None:
+    images = {n.image for n in tree.nodes if n.bl_idname == "CompositorNodeImage" and n.image}
+    bpy.data.node_groups.remove(tree)
+    for image in images:
+        if own(image) and image.users == 0:
+            bpy.data.images.remove(image)
+
+
+class _Group:
+    """Builds the node group: one method a part of the sum."""
+
+    def __init__(self, scene, layers: Layers, panes, true_shading: bool, subdivision: int) -> None:
+        self.scene, self.layers = scene, layers
+        self.true_shading, self.subdivision = true_shading, subdivision
+        self.tree = bpy.data.node_groups.new(
+            hidden_name("composite", scene.name), "CompositorNodeTree"
+        )
+        self.tree[TAG] = "composite"
+        interface = self.tree.interface
+        interface.new_socket("Image", in_out="INPUT", socket_type="NodeSocketColor")
+        interface.new_socket("Alpha", in_out="INPUT", socket_type="NodeSocketFloat")
+        interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        start = self._node("NodeGroupInput")
+        self.direct = start.outputs["Image"]
+        colour, alpha = self.direct, start.outputs["Alpha"]
+        if true_shading:
+            self.direct_depth = self._layer(layers.lookup, DEPTH_LAYER).outputs["Image"]
+        self.environment = self._layer(layers.displaced, ENVIRONMENT_LAYER)
+        self.kernel = self._kernel()
+        for pane in panes:
+            colour, alpha = self._through(pane, colour, alpha)
+        end = self._node("NodeGroupOutput")
+        self._link(self._with_alpha(colour, alpha), end.inputs["Image"])
+
+    def _through(self, pane: Pane, colour, alpha):
+        """The picture with one more glass in it."""
+        weights = []
+        for number in range(0, len(pane.paths) + 1, CHANNELS):
+            image = self._node("CompositorNodeImage")
+            image.image = weight_image(self.scene, pane, number // CHANNELS)
+            split = self._node("CompositorNodeSeparateColor")
+            self._link(image.outputs["Image"], split.inputs[0])
+            weights += list(split.outputs)[:CHANNELS]
+        seen_colour = self._scaled(self.environment.outputs["Image"], weights[len(pane.paths)])
+        seen_alpha = self._math(
+            "MULTIPLY", self.environment.outputs["Alpha"], weights[len(pane.paths)]
+        )
+        # What no path brings is dark, not transparent.
+        dark = self._math("SUBTRACT", 1.0, weights[0])
+        for weight in weights[1 : len(pane.paths) + 1]:
+            dark = self._math("SUBTRACT", dark, weight)
+        seen_alpha = self._math("ADD", seen_alpha, dark)
+        for path, weight in zip(pane.paths, weights):
+            path_colour, path_alpha = self._path(pane, path)
+            seen_colour = self._vector("ADD", seen_colour, self._scaled(path_colour, weight))
+            seen_alpha = self._math(
+                "ADD", seen_alpha, self._math("MULTIPLY", path_alpha, weight)
+            )
+        cover = self._mask(pane)
+        beside = self._math("SUBTRACT", 1.0, cover)
+        colour = self._vector(
+            "ADD", self._scaled(colour, beside), self._scaled(seen_colour, cover)
+        )
+        alpha = self._math(
+            "ADD", self._math("MULTIPLY", alpha, beside), self._math("MULTIPLY", seen_alpha, cover)
+        )
+        return colour, alpha
+
+    def _mask(self, pane: Pane):
+        """How much of each pixel shows the glass: its outline, less what stands before it."""
+        mask = self._layer(self.layers.lookup, pane.mask_layer)
+        return self._brought_down(mask.outputs["Alpha"])
+
+    def _path(self, pane: Pane, path):
+        """Colour and alpha of what is seen along one light path."""
+        drawn = self._layer(self.layers.displaced, pane.layer(path))
+        if not self.true_shading:
+            return drawn.outputs["Image"], drawn.outputs["Alpha"]
+        where = self._layer(self.layers.lookup, pane.layer(path))
+        looked_up = self._map(self.direct, where.outputs["Image"], "Bicubic")
+        shown = self._shown_in_direct(where)
+        found = self._brought_down(self._scaled(looked_up, shown))
+        share = self._brought_down(shown)
+        missing = self._math("SUBTRACT", 1.0, share)
+        colour = self._vector("ADD", found, self._scaled(drawn.outputs["Image"], missing))
+        alpha = self._math(
+            "ADD", share, self._math("MULTIPLY", drawn.outputs["Alpha"], missing)
+        )
+        return colour, alpha
+
+    def _shown_in_direct(self, where):
+        """1 where the direct picture shows the place itself, not something before it."""
+        split = self._node("CompositorNodeSeparateColor")
+        self._link(where.outputs["Image"], split.inputs[0])
+        inverse = split.outputs[2]
+        direct = self._map(self.direct_depth, where.outputs["Image"], "Bilinear")
+        split = self._node("CompositorNodeSeparateColor")
+        self._link(direct, split.inputs[0])
+        off = self._math("ABSOLUTE", self._math("SUBTRACT", split.outputs[0], inverse))
+        near = self._math("LESS_THAN", off, self._math("MULTIPLY", inverse, DEPTH_TOLERANCE))
+        return self._math("MULTIPLY", near, where.outputs["Alpha"])
+
+    def _map(self, image, where, interpolation: str):
+        node = self._node("CompositorNodeMapUV")
+        node.inputs["Interpolation"].default_value = interpolation
+        self._link(image, node.inputs["Image"])
+        self._link(where, node.inputs["UV"])
+        return node.outputs["Image"]
+
+    def _brought_down(self, image):
+        """A picture of the lookup scene filtered to the size of the render."""
+        convolve = self._node("CompositorNodeConvolve")
+        self._link(image, convolve.inputs["Image"])
+        kernel_input = next(s for s in convolve.inputs if s.name == "Kernel" and s.type == "VALUE")
+        self._link(self.kernel, kernel_input)
+        scale = self._node("CompositorNodeScale")
+        scale.inputs["Type"].default_value = "Render Size"
+        scale.inputs["Interpolation"].default_value = "Nearest"
+        self._link(convolve.outputs["Image"], scale.inputs["Image"])
+        return scale.outputs["Image"]
+
+    def _kernel(self):
+        """The pixel filter on the lookup scene's grid; odd, so that it is centred on a sample."""
+        half = int(np.ceil(0.5 * FILTER_WIDTH * self.subdivision)) - 1
+        x = np.arange(-half, half + 1) / (FILTER_WIDTH * self.subdivision)
+        window = blackman_harris(x)
+        kernel = np.outer(window, window)
+        image = _own_image(hidden_name("filter", str(self.subdivision)), "filter")
+        pixels = np.ones((*kernel.shape, 4), np.float32)
+        pixels[..., :3] = (kernel / kernel.sum())[..., None]
+        write_image(image, pixels)
+        node = self._node("CompositorNodeImage")
+        node.image = image
+        return node.outputs["Image"]
+
+    def _layer(self, own_scene: bpy.types.Scene, name: str):
+        node = self._node("CompositorNodeRLayers")
+        node.scene = own_scene
+        node.layer = name
+        return node
+
+    def _with_alpha(self, colour, alpha):
+        split = self._node("ShaderNodeSeparateXYZ")
+        self._link(colour, split.inputs[0])
+        join = self._node("CompositorNodeCombineColor")
+        for slot in range(3):
+            self._link(split.outputs[slot], join.inputs[slot])
+        self._link(alpha, join.inputs["Alpha"])
+        return join.outputs[0]
+
+    def _scaled(self, colour, factor):
+        node = self._node("ShaderNodeVectorMath", operation="SCALE")
+        self._link(colour, node.inputs[0])
+        self._link(factor, node.inputs["Scale"])
+        return node.outputs[0]
+
+    def _vector(self, operation: str, first, second):
+        node = self._node("ShaderNodeVectorMath", operation=operation)
+        self._link(first, node.inputs[0])
+        self._link(second, node.inputs[1])
+        return node.outputs[0]
+
+    def _math(self, operation: str, first, second=None):
+        node = self._node("ShaderNodeMath", operation=operation)
+        for slot, value in enumerate((first, second)):
+            if isinstance(value, bpy.types.NodeSocket):
+                self._link(value, node.inputs[slot])
+            elif value is not None:
+                node.inputs[slot].default_value = value
+        return node.outputs[0]
+
+    def _node(self, idname: str, **properties):
+        node = self.tree.nodes.new(idname)
+        count = len(self.tree.nodes)
+        node.location = (190 * (count // 8), -190 * (count % 8))
+        for key, value in properties.items():
+            setattr(node, key, value)
+        return node
+
+    def _link(self, source, target) -> None:
+        self.tree.links.new(source, target)

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glass objects read as optics descriptions: shape and media from the modifier, pose from the object."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .. import optics
+from .modifier_inputs import read_input
+from .names import RefractiveGlassError, own
+from .visibility import rendered_objects
+
+# Blender's transforms are float32: differences up to this are rounding, not shear.
+_RIGID_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Glass:
+    """A glass of the scene.
+
+    Attributes
+    ----------
+    name : the object's name.
+    description : the optics description, in metres of world scale, in its own frame.
+    to_world : (4, 4) float64, rigid: from the description's frame to the world.
+    """
+
+    name: str
+    description: optics.FlatGlass | optics.CylinderGlass | optics.SphereGlass
+    to_world: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.to_world.flags.writeable = False
+
+    def stamp(self) -> tuple:
+        """What the optics depend on; equal stamps give equal pictures."""
+        return (self.name, self.description, self.to_world.tobytes())
+
+    def to_local(self, points: np.ndarray) -> np.ndarray:
+        """World points (..., 3) in the glass's frame; the pose is rigid, so its inverse is exact."""
+        return (np.asarray(points, float) - self.to_world[:3, 3]) @ self.to_world[:3, :3]
+
+    def direction_to_local(self, directions: np.ndarray) -> np.ndarray:
+        """World directions (..., 3) in the glass's frame."""
+        return np.asarray(directions, float) @ self.to_world[:3, :3]
+
+    def points_to_world(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the glass's frame in the world."""
+        return points @ self.to_world[:3, :3].T + self.to_world[:3, 3]
+
+
+def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
+    """The object's ``Refractive Glass`` modifier, or None."""
+    for modifier in obj.modifiers:
+        if modifier.type == "NODES" and own(modifier.node_group, "glass"):
+            return modifier
+    return None
+
+
+def glass_objects(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
+    """The objects of the view layer that are a glass and take part in renders."""
+    found = []
+    for obj in rendered_objects(view_layer):
+        modifier = glass_modifier(obj) if obj.type == "MESH" else None
+        if modifier is not None and modifier.show_render:
+            found.append(obj)
+    return found
+
+
+def read_glasses(
+    depsgraph: bpy.types.Depsgraph, problems: list[str] | None = None
+) -> list[Glass]:
+    """All glasses of the depsgraph's view layer as they are evaluated there.
+
+    Parameters
+    ----------
+    problems : takes one line for each glass that cannot be computed, which is then left out.
+        Without it the first such glass raises.
+
+    Raises
+    ------
+    RefractiveGlassError
+    """
+    glasses = []
+    for obj in glass_objects(depsgraph.view_layer):
+        try:
+            glasses.append(read_glass(obj, depsgraph))
+        except RefractiveGlassError as error:
+            if problems is None:
+                raise
+            problems.append(str(error))
+    return glasses
+
+
+def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
+    """One glass object as it is evaluated in the depsgraph.
+
+    Raises
+    ------
+    RefractiveGlassError
+        Sheared, unevenly scaled or mirrored object, impossible sizes or ior, no flat outline.
+    """
+    evaluated = obj.evaluated_get(depsgraph)
+    modifier = glass_modifier(evaluated)
+    pose, scale = rigid_pose(np.array(evaluated.matrix_world, float), obj.name)
+    shape = read_input(modifier, "Shape")
+    size = {
+        key: float(read_input(modifier, name)) * scale
+        for key, name in (("radius", "Radius"), ("wall", "Wall Thickness"), ("height", "Height"))
+    }
+    ior = float(read_input(modifier, "IOR"))
+    contents = float(read_input(modifier, "Contents IOR"))
+    try:
+        if shape == "Slab":
+            outline, frame = _flat_outline(obj, scale)
+            description = optics.FlatGlass((size["wall"],), (ior,), outline=outline)
+            pose = pose @ frame
+        else:
+            description = _coaxial(shape, size, ior, contents)
+    except ValueError as error:
+        raise RefractiveGlassError(f'Glass "{obj.name}": {error}') from error
+    return Glass(obj.name, description, pose)
+
+
+def _coaxial(shape: str, size: dict[str, float], ior: float, contents: float):
+    """The description of a cylinder, rod or sphere from its sizes in metres."""
+    radius, wall = size["radius"], size["wall"]
+    hollow = shape == "Cylinder" or (shape == "Sphere" and wall > 0)
+    if hollow and not 0 < wall < radius:
+        raise ValueError(f"wall thickness {wall:g} m must be between 0 and the radius {radius:g} m")
+    radii, media = ((radius, radius - wall), (ior, contents)) if hollow else ((radius,), (ior,))
+    if shape == "Sphere":
+        return optics.SphereGlass(radii, media)
+    if not (math.isfinite(size["height"]) and size["height"] > 0):
+        raise ValueError(f"height {size['height']:g} m must be positive")
+    return optics.CylinderGlass(radii, media, extent=(0.0, size["height"]))
+
+
+def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:
+    """Split a world matrix (4, 4) into a rigid one and a uniform scale.
+
+    Raises
+    ------
+    RefractiveGlassError
+        The matrix shears, mirrors or scales unevenly.
+    """
+    linear = matrix[:3, :3]
+    determinant = np.linalg.det(linear)
+    if not np.all(np.isfinite(matrix)) or determinant == 0:
+        raise RefractiveGlassError(f'Glass "{name}" has no size: its scale must not be zero')
+    scale = float(np.cbrt(determinant))
+    rotation = linear / scale
+    if scale < 0 or np.abs(rotation.T @ rotation - np.eye(3)).max() > _RIGID_TOLERANCE:
+        raise RefractiveGlassError(
+            f'Glass "{name}" is sheared, mirrored or scaled unevenly: apply its scale (Ctrl A) or '
+            "clear it, also on its parents"
+        )
+    # The nearest rotation: float32 matrices are orthogonal to seven digits only.
+    u, _, vt = np.linalg.svd(rotation)
+    pose = np.eye(4)
+    pose[:3, :3] = u @ vt
+    pose[:3, 3] = matrix[:3, 3]
+    return pose, scale
+
+
+def _flat_outline(obj: bpy.types.Object, scale: float) -> tuple[np.ndarray, np.ndarray]:
+    """The boundary polygon (K, 2), in metres, of a flat mesh and the frame (4, 4) of its plane.
+
+    The frame's z is the mesh's normal; its origin lies in the plane (in metres of world scale).
+    """
+    mesh = obj.data
+    if not len(mesh.polygons):
+        raise ValueError("a slab's mesh must have a face: it is the slab's outline")
+    loop = _boundary_loop(mesh)
+    corners = np.array([mesh.vertices[i].co for i in loop], float) * scale
+    origin = corners.mean(axis=0)
+    area = sum((np.array(p.normal) * p.area for p in mesh.polygons), np.zeros(3))
+    length = np.linalg.norm(area)
+    if length == 0:
+        raise ValueError("a slab's mesh must have an area")
+    normal = area / length
+    extent = np.ptp(corners, axis=0).max()
+    if np.abs((corners - origin) @ normal).max() > 1e-4 * extent:
+        raise ValueError("a slab's mesh must be flat")
+    frame = np.eye(4)
+    # The helper axis is the one least along the normal, so an upright pane keeps x and y.
+    helper = np.eye(3)[int(np.argmin(np.abs(normal[:2])))] if abs(normal[2]) < 0.9 else np.eye(3)[0]
+    x = helper - normal * (helper @ normal)
+    x /= np.linalg.norm(x)
+    frame[:3, :3] = np.column_stack((x, np.cross(normal, x), normal))
+    frame[:3, 3] = origin
+    return (corners - origin) @ frame[:3, :2], frame
+
+
+def _boundary_loop(mesh: bpy.types.Mesh) -> list[int]:
+    """The vertices round the mesh's one boundary, in order."""
+    neighbours: dict[int, list[int]] = {}
+    uses: dict[tuple[int, int], int] = {}
+    for polygon in mesh.polygons:
+        for key in polygon.edge_keys:
+            uses[key] = uses.get(key, 0) + 1
+    for (a, b), count in uses.items():
+        if count == 1:
+            neighbours.setdefault(a, []).append(b)
+            neighbours.setdefault(b, []).append(a)
+    if not neighbours or any(len(n) != 2 for n in neighbours.values()):
+        raise ValueError("a slab's mesh must have one simple boundary")
+    start = min(neighbours)
+    loop, previous = [start], None
+    while True:
+        following = next((n for n in neighbours[loop[-1]] if n != previous), start)
+        if following == start:
+            break
+        previous = loop[-1]
+        loop.append(following)
+    if len(loop) != len(neighbours):
+        raise ValueError("a slab's mesh must have one boundary without holes")
+    return loop

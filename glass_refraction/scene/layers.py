@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The extension's own scenes, view layers and collections, in which the copies are rendered.
+
+Two scenes belong to a user's scene:
+
+* *lookup*: Cycles, one sample at the exact centre of each of K x K parts of a pixel. Its view
+  layers: one a glass and light path, showing the copies with a material that emits where their
+  true place is in the direct picture; one a glass, showing where it is not hidden; one with the
+  depth of the direct picture.
+* *displaced*: the user's engine and lights. One view layer a glass and light path, showing the
+  copies shaded where they are drawn, and one with the environment alone.
+
+Nothing is added to the user's own view layers or collections.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+
+from .. import optics
+from .modifier_inputs import read_input, write_input
+from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
+from .shaders import depth_material, lookup_material, mask_material
+from .sources import is_carried
+from .viewpoint import render_size
+
+DEPTH_LAYER = "depth"
+ENVIRONMENT_LAYER = "environment"
+
+_KEY = "refractive_glass_key"
+_GLASS = "refractive_glass_name"
+_PATH = "refractive_glass_path"
+
+
+@dataclass(frozen=True)
+class Pane:
+    """One glass and the light paths that its picture is made of."""
+
+    glass: bpy.types.Object
+    paths: tuple[optics.LightPath, ...]
+    sources: tuple[bpy.types.Object, ...]
+
+    def layer(self, path: optics.LightPath) -> str:
+        """Name of the view layer of one path, in both scenes."""
+        return f"{self.glass.name} {path.events}"
+
+    @property
+    def mask_layer(self) -> str:
+        return f"{self.glass.name} mask"
+
+
+@dataclass(frozen=True)
+class Layers:
+    """The two own scenes of a user's scene."""
+
+    lookup: bpy.types.Scene
+    displaced: bpy.types.Scene
+
+    def collections(self) -> list[bpy.types.Collection]:
+        """Every collection made for the two scenes."""
+        found = {c for s in (self.lookup, self.displaced) for c in s.collection.children}
+        return sorted(found, key=lambda c: c.name)
+
+    def copies(self) -> dict[tuple[str, str, int], bpy.types.Object]:
+        """(glass name, path events, source's session uid) -> copy."""
+        found = {}
+        for collection in self.lookup.collection.children:
+            if not own(collection, "copies"):
+                continue
+            for obj in collection.objects:
+                source = source_of(obj)
+                if source is not None:
+                    found[collection[_GLASS], collection[_PATH], source.session_uid] = obj
+        return found
+
+    def occluders(self) -> dict[int, bpy.types.Object]:
+        """Source's session uid -> the object that stands at its true place."""
+        collection = _child(self.lookup, "occluders")
+        return {source_of(o).session_uid: o for o in collection.objects if source_of(o) is not None}
+
+    def hull(self, glass_name: str) -> bpy.types.Object:
+        """The object that shows where the glass is seen."""
+        for collection in self.lookup.collection.children:
+            if own(collection, "hull") and collection[_GLASS] == glass_name:
+                return collection.objects[0]
+        raise KeyError(glass_name)
+
+
+def source_of(copy: bpy.types.Object) -> bpy.types.Object | None:
+    """The object that a copy or occluder shows."""
+    return read_input(copy.modifiers[0], "Source")
+
+
+def find_layers(scene: bpy.types.Scene) -> Layers | None:
+    """The own scenes of a user's scene, if they exist."""
+    found = {}
+    for role in ("lookup", "displaced"):
+        for candidate in bpy.data.scenes:
+            if own(candidate, role) and candidate.get(_GLASS) == scene.name:
+                found[role] = candidate
+    return Layers(**found) if len(found) == 2 else None
+
+
+def build_layers(scene: bpy.types.Scene, panes: list[Pane]) -> tuple[Layers, bool]:
+    """Make the own scenes show exactly these glasses, paths and sources.
+
+    Returns the layers and whether they were made anew (node trees must then follow).
+    """
+    key = repr([(p.glass.name, [path.events for path in p.paths]) for p in panes])
+    layers = find_layers(scene)
+    anew = layers is None or layers.lookup.get(_KEY) != key
+    if anew:
+        remove_layers(scene)
+        layers = Layers(_own_scene(scene, "lookup"), _own_scene(scene, "displaced"))
+        _make_layers(layers, panes)
+        layers.lookup[_KEY] = key
+    _match_sources(layers, panes)
+    _match_lights(scene, layers)
+    return layers, anew
+
+
+def remove_layers(scene: bpy.types.Scene) -> None:
+    """Remove the own scenes of a user's scene with everything in them that is the extension's."""
+    for role in ("lookup", "displaced"):
+        for candidate in [s for s in bpy.data.scenes if own(s, role)]:
+            if candidate.get(_GLASS) == scene.name or candidate.get(_GLASS) not in bpy.data.scenes:
+                _remove_scene(candidate)
+    for material in [m for m in bpy.data.materials if own(m) and m.users == 0]:
+        bpy.data.materials.remove(material)
+    for name in (COPY_GROUP, OCCLUDER_GROUP):
+        for group in [g for g in bpy.data.node_groups if own(g) and g.name.startswith(name)]:
+            if group.users == 0:
+                bpy.data.node_groups.remove(group)
+
+
+def _remove_scene(own_scene: bpy.types.Scene) -> None:
+    for collection in [c for c in own_scene.collection.children if own(c)]:
+        for obj in list(collection.objects):
+            if own(obj):
+                _remove_object(obj)
+        bpy.data.collections.remove(collection)
+    bpy.data.scenes.remove(own_scene)
+
+
+def _remove_object(obj: bpy.types.Object) -> None:
+    mesh = obj.data
+    bpy.data.objects.remove(obj)
+    if mesh.users == 0:
+        bpy.data.meshes.remove(mesh)
+
+
+def _own_scene(scene: bpy.types.Scene, role: str) -> bpy.types.Scene:
+    made = bpy.data.scenes.new(hidden_name(role, scene.name))
+    made[TAG] = role
+    made[_GLASS] = scene.name
+    return made
+
+
+def _make_layers(layers: Layers, panes: list[Pane]) -> None:
+    lookup, displaced = layers.lookup, layers.displaced
+    occluders = _new_collection("occluders", lookup)
+    _new_collection("lights", displaced)
+    copies = {}
+    hulls = {}
+    for pane in panes:
+        hull = _new_collection("hull", lookup)
+        hull[_GLASS] = pane.glass.name
+        mesh = bpy.data.meshes.new(hidden_name("hull", pane.glass.name))
+        mesh.materials.append(mask_material())
+        _new_object("hull", mesh, hull)
+        hulls[pane.glass.name] = hull
+        for path in pane.paths:
+            made = _new_collection("copies", lookup, displaced)
+            made[_GLASS], made[_PATH] = pane.glass.name, path.events
+            copies[pane.layer(path)] = made
+
+    first = lookup.view_layers[0]
+    first.name = DEPTH_LAYER
+    first.material_override = depth_material()
+    _show_only(first, occluders)
+    first = displaced.view_layers[0]
+    first.name = ENVIRONMENT_LAYER
+    _show_only(first)
+    for pane in panes:
+        mask = lookup.view_layers.new(pane.mask_layer)
+        _show_only(mask, hulls[pane.glass.name], occluders)
+        _layer_collection(mask, occluders).holdout = True
+        for path in pane.paths:
+            layer = lookup.view_layers.new(pane.layer(path))
+            layer.material_override = lookup_material()
+            _show_only(layer, copies[pane.layer(path)])
+            layer = displaced.view_layers.new(pane.layer(path))
+            _show_only(layer, copies[pane.layer(path)], _child(displaced, "lights"))
+
+
+def _new_collection(role: str, *scenes: bpy.types.Scene) -> bpy.types.Collection:
+    collection = bpy.data.collections.new(hidden_name(role))
+    collection[TAG] = role
+    for scene in scenes:
+        scene.collection.children.link(collection)
+    return collection
+
+
+def _child(scene: bpy.types.Scene, role: str) -> bpy.types.Collection:
+    return next(c for c in scene.collection.children if own(c, role))
+
+
+def _layer_collection(view_layer, collection) -> bpy.types.LayerCollection:
+    return next(c for c in view_layer.layer_collection.children if c.collection == collection)
+
+
+def _show_only(view_layer: bpy.types.ViewLayer, *shown: bpy.types.Collection) -> None:
+    for child in view_layer.layer_collection.children:
+        child.exclude = child.collection not in shown
+
+
+def _new_object(role: str, mesh: bpy.types.Mesh, collection, *parts: str) -> bpy.types.Object:
+    mesh[TAG] = role
+    obj = bpy.data.objects.new(hidden_name(role, *parts), mesh)
+    obj[TAG] = role
+    collection.objects.link(obj)
+    return obj
+
+
+def _match_sources(layers: Layers, panes: list[Pane]) -> None:
+    """One copy a glass, path and source, and one occluder a source; the others go."""
+    wanted = {
+        (pane.glass.name, path.events, source.session_uid): source
+        for pane in panes
+        for path in pane.paths
+        for source in pane.sources
+    }
+    existing = layers.copies()
+    # Copies whose source is gone have no key any more.
+    keep = {obj.name for key, obj in existing.items() if key in wanted}
+    for collection in layers.lookup.collection.children:
+        if own(collection, "copies"):
+            for obj in [o for o in collection.objects if o.name not in keep]:
+                _remove_object(obj)
+    for collection in layers.lookup.collection.children:
+        if not own(collection, "copies"):
+            continue
+        for (glass, events, uid), source in wanted.items():
+            if (glass, events, uid) not in existing and (
+                (collection[_GLASS], collection[_PATH]) == (glass, events)
+            ):
+                _new_carrier("copy", COPY_GROUP, source, collection)
+
+    seen = {source.session_uid: source for source in wanted.values()}
+    collection = _child(layers.lookup, "occluders")
+    for obj in list(collection.objects):
+        source = source_of(obj)
+        if source is None or seen.pop(source.session_uid, None) is None:
+            _remove_object(obj)
+    for source in seen.values():
+        _new_carrier("occluder", OCCLUDER_GROUP, source, collection)
+
+
+def _new_carrier(role: str, group: str, source: bpy.types.Object, collection) -> None:
+    mesh = bpy.data.meshes.new(hidden_name(role, source.name))
+    obj = _new_object(role, mesh, collection, source.name)
+    modifier = obj.modifiers.new(group, "NODES")
+    modifier.node_group = load_group(group)
+    write_input(modifier, "Source", source)
+    if role == "occluder":
+        write_input(modifier, "Carried", is_carried(source))
+
+
+def match_materials(copy: bpy.types.Object, source: bpy.types.Object) -> None:
+    """Give the carrier the source's materials, for the faces that it holds itself."""
+    wanted = [slot.material for slot in source.material_slots]
+    mesh = copy.data
+    if list(mesh.materials) != wanted:
+        mesh.materials.clear()
+        for material in wanted:
+            mesh.materials.append(material)
+
+
+def _match_lights(scene: bpy.types.Scene, layers: Layers) -> None:
+    """The displaced copies are lit by the user's own lights."""
+    lights = _child(layers.displaced, "lights")
+    wanted = {o for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
+    for light in [o for o in lights.objects if o not in wanted]:
+        lights.objects.unlink(light)
+        if light.users == 0:
+            # Deleted by the user, who could not know that this collection still held it.
+            bpy.data.objects.remove(light)
+    for light in wanted - set(lights.objects):
+        lights.objects.link(light)
+
+
+def match_settings(
+    scene: bpy.types.Scene,
+    layers: Layers,
+    rect: tuple[int, int, int, int],
+    subdivision: int,
+    lookup: bool,
+) -> None:
+    """Give the own scenes the user's camera and render settings.
+
+    Parameters
+    ----------
+    rect : the pixels that any glass covers; nothing else is rendered.
+    subdivision : parts of a pixel a side in the lookup scene.
+    lookup : whether the copies are looked up (TRUE shading) or drawn shaded only.
+    """
+    size = render_size(scene)
+    for own_scene, factor in ((layers.displaced, 1), (layers.lookup, subdivision)):
+        for group in ("render", "cycles", "eevee", "display"):
+            if hasattr(scene, group) and (factor == 1 or group == "render"):
+                _copy_properties(getattr(scene, group), getattr(own_scene, group))
+        own_scene.camera = scene.camera
+        own_scene.frame_current = scene.frame_current
+        render = own_scene.render
+        render.resolution_x, render.resolution_y = size[0] * factor, size[1] * factor
+        render.resolution_percentage = 100
+        render.use_compositing = False
+        if not scene.render.use_border:
+            render.use_border, render.use_crop_to_border = True, False
+            render.border_min_x, render.border_max_x = rect[0] / size[0], rect[2] / size[0]
+            render.border_min_y, render.border_max_y = rect[1] / size[1], rect[3] / size[1]
+    layers.displaced.world = scene.world
+    _exact_samples(layers.lookup)
+    for layer in layers.lookup.view_layers:
+        is_mask = layer.name.endswith(" mask")
+        if layer.use != (lookup or is_mask):
+            layer.use = lookup or is_mask
+
+
+def _exact_samples(lookup: bpy.types.Scene) -> None:
+    """One unfiltered sample at every pixel's centre, with nothing else in it than the emission."""
+    lookup.render.engine = "CYCLES"
+    lookup.render.film_transparent = True
+    lookup.render.use_motion_blur = False
+    lookup.world = None
+    cycles = lookup.cycles
+    cycles.device = "CPU"
+    cycles.samples = 1
+    cycles.use_adaptive_sampling = False
+    cycles.use_denoising = False
+    cycles.filter_width = 0.01
+    cycles.film_exposure = 1.0
+    cycles.max_bounces = 0
+    cycles.transparent_max_bounces = 8
+    cycles.sample_clamp_direct = 0.0
+
+
+def _copy_properties(source, target) -> None:
+    """Copy the plain settings of one property group to another where they differ."""
+    for prop in source.bl_rna.properties:
+        name = prop.identifier
+        if prop.type == "POINTER":
+            if name in {"shading", "ray_tracing_options"}:
+                _copy_properties(getattr(source, name), getattr(target, name))
+            continue
+        if prop.is_readonly or prop.type == "COLLECTION":
+            continue
+        value, present = getattr(source, name), getattr(target, name)
+        if getattr(prop, "is_array", False):
+            value, present = tuple(value), tuple(present)
+        # A dynamic enum reads as empty where its present items do not hold the stored one.
+        if value != present and not (prop.type == "ENUM" and value == ""):
+            setattr(target, name, value)

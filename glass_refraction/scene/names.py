@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How the extension's own data-blocks are named and recognised."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+TAG = "refractive_glass"
+"""Custom property on every data-block that the extension made; its value is the block's role."""
+
+MODIFIER = "Refractive Glass"
+COPY_GROUP = "Refractive Glass Copy"
+OCCLUDER_GROUP = "Refractive Glass Occluder"
+
+NODE_GROUPS = Path(__file__).resolve().parents[2] / "node_groups" / "refractive_glass.blend"
+
+
+def own(data_block: bpy.types.ID | None, role: str | None = None) -> bool:
+    """Whether the extension made this data-block (in that role, if one is given)."""
+    if data_block is None:
+        return False
+    made = data_block.get(TAG)
+    return made is not None and (role is None or made == role)
+
+
+def hidden_name(*parts: str) -> str:
+    """A data-block name that Blender's menus leave out (leading dot)."""
+    return ".RG " + " ".join(parts)
+
+
+class RefractiveGlassError(Exception):
+    """Bad input: one clear line that names the object and the remedy."""
+
+
+def load_group(name: str) -> bpy.types.NodeTree:
+    """The node group of that name, taken from the extension's file when it is not there yet."""
+    for group in bpy.data.node_groups:
+        if own(group) and group.library is None and group.name.split(".")[0] == name:
+            return group
+    with bpy.data.libraries.load(str(NODE_GROUPS)) as (available, wanted):
+        wanted.node_groups = [n for n in available.node_groups if n == name]
+    group = wanted.node_groups[0]
+    if group.asset_data is not None:
+        # The mark is for the library; it would litter the asset browser of the user's own file.
+        group.asset_clear()
+    group.use_fake_user = False
+    return group

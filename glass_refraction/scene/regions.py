@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What each pixel sees: the weight of every light path, anti-aliased where a region ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .. import optics
+from .glasses import Glass, read_glasses
+from .hull import first_face
+from .viewpoint import Viewpoint, read_viewpoint
+
+FILTER_WIDTH = 1.5
+"""Support of the pixel filter (Blackman-Harris, as Cycles' default), pixels."""
+SUBSAMPLES = 6
+"""Rays a side across the filter's support, in pixels where a region ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Weights of a glass's light paths over a part of the picture.
+
+    Attributes
+    ----------
+    rect : (x0, y0, x1, y1) pixels, half open, from the picture's lower left corner.
+    paths : the paths, in the order of ``weights``.
+    weights : (P, h, w) float32: of the light that reaches the eye through the glass, the part
+        along each path; also given a few pixels beyond the outline.
+    inside : (P, h, w) bool: pixels that lie in the path's region wholly.
+    hit : (h, w) bool: the ray through the pixel's centre meets the glass.
+    """
+
+    rect: tuple[int, int, int, int]
+    paths: tuple[optics.LightPath, ...]
+    weights: np.ndarray
+    inside: np.ndarray
+    hit: np.ndarray
+
+    def full(self, values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        """One of the arrays above (..., h, w) placed in a picture of ``size``, zero elsewhere."""
+        x0, y0, x1, y1 = self.rect
+        out = np.zeros((*values.shape[:-2], size[1], size[0]), values.dtype)
+        out[..., y0:y1, x0:x1] = values
+        return out
+
+
+def blackman_harris(x: np.ndarray) -> np.ndarray:
+    """The window over its support -0.5 to 0.5 (Harris 1978, four terms)."""
+    angle = 2.0 * np.pi * np.asarray(x)
+    return (
+        0.35875 + 0.48829 * np.cos(angle) + 0.14128 * np.cos(2 * angle) + 0.01168 * np.cos(3 * angle)
+    )
+
+
+def picture_rect(glass: Glass, view: Viewpoint, margin: int = 3) -> tuple[int, int, int, int]:
+    """The pixels that the glass can cover: (x0, y0, x1, y1), half open; empty if x0 >= x1."""
+    vertices, _ = first_face(glass, view.eye_for(glass))
+    clip = view.clip(glass.points_to_world(vertices))
+    width, height = view.size
+    if np.any(clip[:, 2] <= 0):
+        if np.all(clip[:, 2] <= 0):
+            return (0, 0, 0, 0)
+        return (0, 0, width, height)
+    xy = clip[:, :2] / clip[:, 2:3] * (width, height)
+    low = np.floor(np.clip(xy.min(axis=0) - margin, 0, (width, height))).astype(int)
+    high = np.ceil(np.clip(xy.max(axis=0) + margin, 0, (width, height))).astype(int)
+    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+
+
+def path_regions(
+    glass: Glass,
+    view: Viewpoint,
+    paths: tuple[optics.LightPath, ...],
+    *,
+    fresnel: bool = True,
+) -> Regions:
+    """The weights of ``paths`` for every pixel that the glass can cover.
+
+    Parameters
+    ----------
+    fresnel : weigh by Fresnel's equations, as a glass surface; else as a surface that only
+        refracts: 1 where the ray takes the path, and nothing along paths with a reflection.
+    """
+    rect = picture_rect(glass, view)
+    x0, y0, x1, y1 = rect
+    height, width = max(0, y1 - y0), max(0, x1 - x0)
+    rays = _Rays(glass, view, paths, fresnel)
+    x, y = np.meshgrid(x0 + 0.5 + np.arange(width), y0 + 0.5 + np.arange(height))
+    weights, hit, taken = rays.weights(x.ravel(), y.ravel())
+    weights = weights.reshape(-1, height, width)
+    hit = hit.reshape(height, width)
+    taken = taken.reshape(-1, height, width)
+
+    border = _border(np.concatenate((taken, hit[None])))
+    rows, columns = np.nonzero(border)
+    edge_weights, edge_cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
+    weights[:, rows, columns] = edge_weights
+    known = hit.copy()
+    known[rows, columns] = edge_cover > 0
+    _spread(weights, known)
+    return Regions(rect, paths, weights.astype(np.float32), taken & ~border, hit)
+
+
+class _Rays:
+    """Path weights of a glass along rays through pixel coordinates."""
+
+    def __init__(self, glass: Glass, view: Viewpoint, paths, fresnel: bool) -> None:
+        self.glass, self.view, self.paths, self.fresnel = glass, view, paths, fresnel
+        self.refracting = np.array(["R" not in p.events for p in paths], bool)
+
+    def weights(self, x: np.ndarray, y: np.ndarray):
+        """(P, M) weights, (M,) whether the glass is met, (P, M) whether the path is taken."""
+        if not len(x):
+            none = np.zeros((len(self.paths), 0))
+            return none, np.zeros(0, bool), none > 0
+        origins, directions = self.view.rays(x, y)
+        directions = self.glass.direction_to_local(directions)
+        eye = self.glass.to_local(origins if self.view.is_parallel else self.view.eye)
+        all_paths = (optics.LightPath(""), *self.paths)
+        found, _ = optics.path_weights(self.glass.description, eye, directions, all_paths)
+        direct, found = found[0], found[1:]
+        taken = found > 0
+        if not self.fresnel:
+            found = (taken & self.refracting[:, None]).astype(float)
+        return found, direct < 0.5, taken
+
+    def filtered(self, x: np.ndarray, y: np.ndarray):
+        """Means over the pixel filter, of the rays that meet the glass: (P, M); their share (M,)."""
+        offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
+        window = blackman_harris(offsets)
+        total = np.zeros((len(self.paths), len(x)))
+        cover = np.zeros(len(x))
+        for dy, wy in zip(offsets, window):
+            for dx, wx in zip(offsets, window):
+                found, hit, _ = self.weights(x + dx * FILTER_WIDTH, y + dy * FILTER_WIDTH)
+                total += wx * wy * np.where(hit, found, 0.0)
+                cover += wx * wy * hit
+        share = cover / window.sum() ** 2
+        return total / np.where(cover > 0, cover, 1.0), share
+
+
+def _border(labels: np.ndarray) -> np.ndarray:
+    """Pixels (h, w) of which a neighbour differs in any of the boolean labels (K, h, w)."""
+    border = np.zeros(labels.shape[1:], bool)
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            a, b = _shifted(labels, dy, dx)
+            differs = np.any(a != b, axis=0)
+            target, _ = _shifted(border[None], dy, dx)
+            target[0] |= differs
+    return border
+
+
+def _shifted(values: np.ndarray, dy: int, dx: int) -> tuple[np.ndarray, np.ndarray]:
+    """Views (K, h', w') of the pixels that have a neighbour at that offset, and of the neighbours."""
+    h, w = values.shape[1:]
+    here = values[:, max(0, -dy) : h - max(0, dy), max(0, -dx) : w - max(0, dx)]
+    there = values[:, max(0, dy) : h + min(0, dy), max(0, dx) : w + min(0, dx)]
+    return here, there
+
+
+def _spread(weights: np.ndarray, known: np.ndarray, steps: int = 3) -> None:
+    """Carry the weights a few pixels beyond the outline, in place.
+
+    The rendered outline may cover a trace of a pixel of which no ray here met the glass.
+    """
+    for _ in range(steps):
+        total, count = np.zeros_like(weights), np.zeros(known.shape)
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                here, there = _shifted(np.where(known, weights, 0.0), dy, dx)
+                target, _ = _shifted(total, dy, dx)
+                target += there
+                here, there = _shifted(known[None].astype(float), dy, dx)
+                target, _ = _shifted(count[None], dy, dx)
+                target += there
+        grown = ~known & (count > 0)
+        weights[:, grown] = total[:, grown] / count[grown]
+        known |= grown
+
+
+def region_masks(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, min_weight: float | None = None
+) -> dict[str, np.ndarray]:
+    """The pixels that lie wholly in each light path's region, over all glasses of the scene.
+
+    Returns
+    -------
+    dict : path events -> (H, W) bool, bottom row first; ``""`` holds the pixels beside all glasses.
+    """
+    view = read_viewpoint(scene, depsgraph)
+    width, height = view.size
+    masks: dict[str, np.ndarray] = {}
+    beside = np.ones((height, width), bool)
+    for glass in read_glasses(depsgraph):
+        weight = scene.refractive_glass.min_weight if min_weight is None else min_weight
+        paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=weight)
+        found = path_regions(glass, view, paths)
+        cover = np.zeros((height, width), bool)
+        cover |= found.full(found.weights.sum(axis=0) > 0, view.size)
+        beside &= ~cover
+        for path, inside in zip(found.paths, found.inside):
+            mask = masks.setdefault(path.events, np.zeros((height, width), bool))
+            mask |= found.full(inside, view.size)
+    masks[""] = beside
+    return masks
+
+
+def crossing_counts(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """How often each pixel's strongest path is refracted (H, W), int: the paper's figure 8."""
+    view = read_viewpoint(scene, depsgraph)
+    counts = np.zeros((view.size[1], view.size[0]), int)
+    for glass in read_glasses(depsgraph):
+        paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=1e-3)
+        found = path_regions(glass, view, paths)
+        refractions = np.array([p.events.count("T") for p in paths] or [0])
+        strongest = np.argmax(found.weights, axis=0) if paths else np.zeros(found.hit.shape, int)
+        here = np.where(found.hit, refractions[strongest], 0)
+        counts = np.maximum(counts, found.full(here, view.size))
+    return counts

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Materials of the extension's own layers: where to look, how deep, and whether the glass is seen."""
+
+from __future__ import annotations
+
+import bpy
+
+from .names import TAG, hidden_name
+
+
+def lookup_material() -> bpy.types.Material:
+    """Emits where the surface's true place is in the direct picture.
+
+    Red, green: picture coordinates 0 to 1; blue: 1 / depth of the true place. The division happens
+    here, per pixel, on the linearly interpolated ``rg_lookup`` (x, y, w, depth). A place behind
+    the camera gets coordinates outside the picture.
+    """
+    material, tree, new = _own_material("lookup")
+    if not new:
+        return material
+    attribute = tree.nodes.new("ShaderNodeAttribute")
+    attribute.attribute_name = "rg_lookup"
+    split = tree.nodes.new("ShaderNodeSeparateXYZ")
+    join = tree.nodes.new("ShaderNodeCombineXYZ")
+    tree.links.new(attribute.outputs["Vector"], split.inputs[0])
+    w = split.outputs["Z"]
+    in_front = _math(tree, "GREATER_THAN", w, 1e-9)
+    for axis, name in enumerate("XY"):
+        inside = _math(tree, "DIVIDE", split.outputs[name], w)
+        shifted = _math(tree, "ADD", _math(tree, "MULTIPLY", inside, in_front), -9.0)
+        chosen = _math(tree, "ADD", shifted, _math(tree, "MULTIPLY", in_front, 9.0))
+        tree.links.new(chosen, join.inputs[axis])
+    tree.links.new(_math(tree, "DIVIDE", 1.0, attribute.outputs["Alpha"]), join.inputs[2])
+    _emit(tree, join.outputs[0])
+    return material
+
+
+def depth_material() -> bpy.types.Material:
+    """Emits 1 / depth: affine over the picture of a plane, so it may be interpolated there."""
+    material, tree, new = _own_material("depth")
+    if new:
+        camera = tree.nodes.new("ShaderNodeCameraData")
+        _emit(tree, _math(tree, "DIVIDE", 1.0, camera.outputs["View Z Depth"]))
+    return material
+
+
+def mask_material() -> bpy.types.Material:
+    """White on faces towards the eye, clear on the others."""
+    material, tree, new = _own_material("mask")
+    if new:
+        geometry = tree.nodes.new("ShaderNodeNewGeometry")
+        clear = tree.nodes.new("ShaderNodeBsdfTransparent")
+        white = tree.nodes.new("ShaderNodeEmission")
+        white.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+        mix = tree.nodes.new("ShaderNodeMixShader")
+        tree.links.new(geometry.outputs["Backfacing"], mix.inputs[0])
+        tree.links.new(white.outputs[0], mix.inputs[1])
+        tree.links.new(clear.outputs[0], mix.inputs[2])
+        end = tree.nodes.new("ShaderNodeOutputMaterial")
+        tree.links.new(mix.outputs[0], end.inputs["Surface"])
+    return material
+
+
+def _own_material(role: str):
+    """The extension's material in that role, its emptied node tree, and whether it is new."""
+    for material in bpy.data.materials:
+        if material.get(TAG) == role and material.library is None:
+            return material, material.node_tree, False
+    material = bpy.data.materials.new(hidden_name(role))
+    material[TAG] = role
+    material.node_tree.nodes.clear()
+    return material, material.node_tree, True
+
+
+def _math(tree, operation: str, *values):
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for slot, value in enumerate(values):
+        if isinstance(value, bpy.types.NodeSocket):
+            tree.links.new(value, node.inputs[slot])
+        else:
+            node.inputs[slot].default_value = value
+    return node.outputs[0]
+
+
+def _emit(tree, colour) -> None:
+    emission = tree.nodes.new("ShaderNodeEmission")
+    end = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(colour, emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], end.inputs["Surface"])

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What can be seen through a glass: the scene's evaluated meshes as arrays of world positions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .arrays import positions
+from .glasses import glass_modifier
+from .modifier_inputs import read_input
+from .names import own
+from .visibility import rendered_objects
+
+# Object Info hands these on as meshes; the others are converted to meshes first.
+_MESH_TYPES = {"MESH", "EMPTY"}
+_CONVERTED_TYPES = {"CURVE", "SURFACE", "FONT", "META"}
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One mesh of a source (an instance has one a copy) and where it stands."""
+
+    mesh: bpy.types.Mesh
+    to_world: np.ndarray
+
+
+def source_objects(
+    view_layer: bpy.types.ViewLayer, problems: list[str] | None = None
+) -> list[bpy.types.Object]:
+    """The view layer's objects that may be seen through a glass, as renders show them.
+
+    Parameters
+    ----------
+    problems : takes a line for each object that cannot be read now.
+    """
+    found = []
+    for obj in rendered_objects(view_layer):
+        if own(obj) or obj.type not in _MESH_TYPES | _CONVERTED_TYPES or not obj.visible_camera:
+            continue
+        if obj.type == "EMPTY" and obj.instance_collection is None:
+            continue
+        if obj.type == "MESH" and glass_modifier(obj) is not None:
+            continue
+        if obj.mode == "EDIT":
+            if problems is not None:
+                problems.append(
+                    f'"{obj.name}" is in Edit Mode and left out of the glass: leave Edit Mode'
+                )
+            continue
+        found.append(obj)
+    return found
+
+
+def seen_through(glass: bpy.types.Object, sources: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    """The sources that the glass's collection lets be seen through it; all without a collection."""
+    collection = read_input(glass_modifier(glass), "Seen Through")
+    if collection is None:
+        return sources
+    members = {obj.session_uid for obj in collection.all_objects}
+    return [obj for obj in sources if obj.session_uid in members]
+
+
+def is_carried(source: bpy.types.Object) -> bool:
+    """Whether Geometry Nodes can carry the source's mesh; else the copy holds a mesh of its own."""
+    return source.type in _MESH_TYPES
+
+
+@contextmanager
+def pieces(source: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[list[Piece]]:
+    """The evaluated meshes of a source, in the order in which Realize Instances joins them.
+
+    They are Blender's own and live only inside the ``with`` block.
+    """
+    evaluated = source.evaluated_get(depsgraph)
+    if not is_carried(source):
+        mesh = evaluated.to_mesh()
+        try:
+            found = [] if mesh is None else [Piece(mesh, _matrix(evaluated.matrix_world))]
+            yield found
+        finally:
+            evaluated.to_mesh_clear()
+        return
+    found = []
+    if source.type == "MESH" and len(evaluated.data.vertices):
+        found.append(Piece(evaluated.data, _matrix(evaluated.matrix_world)))
+    if _has_instances(evaluated):
+        for instance in depsgraph.object_instances:
+            if not instance.is_instance or instance.parent != evaluated:
+                continue
+            if instance.object.type == "MESH":
+                found.append(Piece(instance.object.data, _matrix(instance.matrix_world)))
+    yield found
+
+
+def world_positions(parts: list[Piece]) -> np.ndarray:
+    """All vertices (N, 3) float64 of the pieces, one after another, in the world."""
+    if not parts:
+        return np.empty((0, 3))
+    return np.concatenate(
+        [
+            positions(part.mesh) @ part.to_world[:3, :3].T + part.to_world[:3, 3]
+            for part in parts
+        ]
+    )
+
+
+def _matrix(matrix) -> np.ndarray:
+    return np.array(matrix, float)
+
+
+def _has_instances(evaluated: bpy.types.Object) -> bool:
+    if evaluated.instance_collection is not None:
+        return True
+    geometry = evaluated.evaluated_geometry()
+    return geometry is not None and geometry.instances_pointcloud() is not None

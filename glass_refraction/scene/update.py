@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The one door: whatever changed, ``update`` brings copies, masks and layers up to date.
+
+Two steps, because Blender allows data-blocks to be made in some places only:
+
+* :func:`prepare` makes own scenes, copies and nodes match the scene's glasses and sources. Called
+  by operators, timers and before a render starts.
+* :func:`update` solves and writes arrays. It makes no data-block and may run in a frame-change
+  handler of a render.
+
+Both compare with what stands and do only what differs; ``counters`` tells how much that was.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+
+from .. import optics
+from .compositing import has_group, insert_group, remove_group, write_weights
+from .copies import Solver, Written, write_copy, write_true_mesh
+from .glasses import Glass, glass_modifier, glass_objects, read_glass
+from .hull import first_face
+from .layers import (
+    Layers,
+    Pane,
+    build_layers,
+    find_layers,
+    match_materials,
+    match_settings,
+    remove_layers,
+    source_of,
+)
+from .modifier_inputs import write_input
+from .names import RefractiveGlassError, own
+from .regions import Regions, path_regions, picture_rect
+from .sources import is_carried, pieces, seen_through, source_objects, world_positions
+from .viewpoint import Viewpoint, read_viewpoint
+
+counters: Counter[str] = Counter()
+"""Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``."""
+
+
+@dataclass
+class Status:
+    """What the panel shows of a scene's last update."""
+
+    vertices: int = 0
+    paths: tuple[str, ...] = ()
+    milliseconds: float = 0.0
+    bound_px: float = 0.0
+    problems: list[str] = field(default_factory=list)
+
+
+@dataclass
+class _Memory:
+    """What was computed for a scene, with the stamps that it was computed from."""
+
+    views: tuple | None = None
+    regions: dict[str, tuple[tuple, Regions]] = field(default_factory=dict)
+    copies: dict[tuple[str, str, int], tuple[tuple, np.ndarray, Written]] = field(
+        default_factory=dict
+    )
+    settings: tuple | None = None
+    status: Status = field(default_factory=Status)
+
+
+_memories: dict[int, _Memory] = {}
+
+
+def memory_of(scene: bpy.types.Scene) -> _Memory:
+    """The scene's runtime memory; lost on undo and file load, then computed anew."""
+    return _memories.setdefault(scene.original.session_uid, _Memory())
+
+
+def forget() -> None:
+    """Drop all that was computed: references and arrays may be stale (undo, redo, file load)."""
+    _memories.clear()
+
+
+def status(scene: bpy.types.Scene) -> Status:
+    """What the last update of the scene did."""
+    return memory_of(scene).status
+
+
+def effective_shading(scene: bpy.types.Scene) -> str:
+    """``TRUE`` or ``DISPLACED``: Workbench has no light to look up, so it draws copies only."""
+    if scene.render.engine == "BLENDER_WORKBENCH":
+        return "DISPLACED"
+    return scene.refractive_glass.shading
+
+
+def prepare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Make own scenes, copies and the compositor's node group match the scene.
+
+    Raises
+    ------
+    RefractiveGlassError
+        No camera, a camera or a glass that cannot be computed; nothing is changed then.
+    """
+    settings = scene.refractive_glass
+    view_layer = scene.view_layers[0]
+    glasses = glass_objects(view_layer)
+    for obj in glasses:
+        write_input(glass_modifier(obj), "Show in Render", not settings.enabled)
+    if not settings.enabled or not glasses:
+        remove(scene)
+        return
+    view = read_viewpoint(scene, depsgraph)
+    problems: list[str] = []
+    sources = source_objects(view_layer, problems)
+    panes = []
+    for obj in glasses:
+        try:
+            glass = read_glass(obj, depsgraph)
+            paths = _kept_paths(scene, glass, view)
+        except RefractiveGlassError as error:
+            problems.append(str(error))
+            continue
+        panes.append(Pane(obj, paths, tuple(seen_through(obj, sources))))
+    if not panes:
+        remove(scene)
+        raise RefractiveGlassError(" ".join(problems))
+    layers, anew = build_layers(scene, panes)
+    shading, side = effective_shading(scene), int(settings.lookup_samples)
+    wiring = f"{shading} {side}"
+    if anew or not has_group(scene) or layers.lookup.get("refractive_glass_wiring") != wiring:
+        counters["structures"] += 1
+        insert_group(scene, layers, panes, shading == "TRUE", side)
+        layers.lookup["refractive_glass_wiring"] = wiring
+        forget()
+    memory_of(scene).status.problems = problems
+    match_settings(scene, layers, _covered(scene, panes, depsgraph, view), side, shading == "TRUE")
+
+
+def remove(scene: bpy.types.Scene) -> None:
+    """Remove all that was made for the scene's glasses, and only that."""
+    remove_group(scene)
+    remove_layers(scene)
+    _memories.pop(scene.session_uid, None)
+
+
+def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
+    """Solve what changed and write it into the copies, masks and settings that :func:`prepare` made.
+
+    Parameters
+    ----------
+    scene : the user's (original) scene.
+    depsgraph : evaluated; of a render or of the viewport.
+    """
+    layers = find_layers(scene)
+    memory = memory_of(scene)
+    if layers is None or not scene.refractive_glass.enabled:
+        return memory.status
+    started = time.perf_counter()
+    view = read_viewpoint(scene, depsgraph)
+    problems: list[str] = []
+    panes = _standing_panes(scene, layers, depsgraph, problems)
+    copies = layers.copies()
+    rects = []
+    for pane, glass in panes:
+        try:
+            regions = _update_regions(scene, memory, pane, glass, view, layers)
+        except RefractiveGlassError as error:
+            problems.append(str(error))
+            continue
+        rects.append(regions.rect)
+        for path in pane.paths:
+            _update_copies(scene, memory, pane, glass, path, view, regions, copies, depsgraph)
+    _update_occluders(layers, memory, depsgraph)
+    side = int(scene.refractive_glass.lookup_samples)
+    match_settings(scene, layers, _union(rects), side, effective_shading(scene) == "TRUE")
+    written = [w for key, (_, _, w) in memory.copies.items() if key in copies]
+    memory.status = Status(
+        vertices=sum(w.vertices for w in written),
+        paths=tuple(dict.fromkeys(p.events for pane, _ in panes for p in pane.paths)),
+        milliseconds=1e3 * (time.perf_counter() - started),
+        bound_px=max((w.bound_px for w in written), default=0.0),
+        problems=problems or memory.status.problems,
+    )
+    return memory.status
+
+
+def _kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
+    """The paths that the glass's picture is made of.
+
+    Raises RefractiveGlassError where the eye is inside the wall.
+    """
+    first_face(glass, view.eye_for(glass))
+    settings = scene.refractive_glass
+    paths = optics.light_paths(
+        glass.description, view.eye_for(glass), min_weight=settings.min_weight
+    )
+    if settings.surface == "REFRACTION":
+        paths = tuple(p for p in paths if "R" not in p.events)
+    return paths
+
+
+def _standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pane, Glass]]:
+    """The glasses and paths that the own scenes were made for, as they are evaluated now."""
+    events: dict[str, list[str]] = {}
+    for collection in layers.lookup.collection.children:
+        if own(collection, "copies"):
+            name = collection["refractive_glass_name"]
+            events.setdefault(name, []).append(collection["refractive_glass_path"])
+    panes = []
+    for obj in glass_objects(depsgraph.view_layer):
+        if obj.name not in events:
+            continue
+        try:
+            glass = read_glass(obj, depsgraph)
+        except RefractiveGlassError as error:
+            problems.append(str(error))
+            continue
+        paths = tuple(optics.LightPath(e) for e in events[obj.name])
+        panes.append((Pane(obj, paths, ()), glass))
+    return panes
+
+
+def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layers) -> Regions:
+    fresnel = scene.refractive_glass.surface == "GLASS"
+    stamp = (glass.stamp(), view.stamp(), pane.paths, fresnel)
+    known = memory.regions.get(pane.glass.name)
+    if known is not None and known[0] == stamp:
+        return known[1]
+    regions = path_regions(glass, view, pane.paths, fresnel=fresnel)
+    counters["masks"] += 1
+    counters["mask_pixels"] += regions.hit.size
+    write_weights(scene, pane, regions, view.size, fresnel)
+    _write_hull(layers.hull(pane.glass.name), glass, view)
+    memory.regions[pane.glass.name] = (stamp, regions)
+    return regions
+
+
+def _write_hull(hull: bpy.types.Object, glass: Glass, view: Viewpoint) -> None:
+    vertices, faces = first_face(glass, view.eye_for(glass))
+    mesh = hull.data
+    mesh.clear_geometry()
+    mesh.from_pydata(glass.points_to_world(vertices).tolist(), [], faces.tolist())
+    mesh.update()
+
+
+def _update_copies(
+    scene, memory, pane: Pane, glass: Glass, path, view: Viewpoint, regions, copies, depsgraph
+) -> None:
+    settings = scene.refractive_glass
+    solver = Solver(glass, path, view, 0.1 * settings.tolerance_px)
+    outer = (glass.stamp(), view.stamp(), settings.tolerance_px, regions.rect)
+    for (name, events, uid), copy in copies.items():
+        if (name, events) != (pane.glass.name, path.events):
+            continue
+        source = source_of(copy)
+        with pieces(source, depsgraph) as parts:
+            points = world_positions(parts)
+            key = (name, events, uid)
+            known = memory.copies.get(key)
+            if known is not None and known[0] == outer and np.array_equal(known[1], points):
+                continue
+            guess = known[2].found if known is not None else None
+            written = write_copy(
+                copy,
+                parts,
+                is_carried(source),
+                solver,
+                regions.rect,
+                settings.tolerance_px,
+                guess,
+            )
+        if written.refined:
+            match_materials(copy, source)
+        counters["solves"] += 1
+        counters["copies"] += 1
+        memory.copies[key] = (outer, points, written)
+
+
+def _update_occluders(layers: Layers, memory: _Memory, depsgraph) -> None:
+    """Sources that Geometry Nodes cannot take stand at their true places as meshes of their own."""
+    for uid, occluder in layers.occluders().items():
+        source = source_of(occluder)
+        if is_carried(source):
+            continue
+        with pieces(source, depsgraph) as parts:
+            points = world_positions(parts)
+            key = ("", "", uid)
+            known = memory.copies.get(key)
+            if known is None or not np.array_equal(known[1], points):
+                write_true_mesh(occluder, parts)
+                memory.copies[key] = ((), points, Written(len(points), 0.0, False, None))
+
+
+def _covered(scene, panes: list[Pane], depsgraph, view: Viewpoint) -> tuple[int, int, int, int]:
+    return _union([picture_rect(read_glass(p.glass, depsgraph), view) for p in panes])
+
+
+def _union(rects) -> tuple[int, int, int, int]:
+    rects = [r for r in rects if r[0] < r[2] and r[1] < r[3]]
+    if not rects:
+        return (0, 0, 1, 1)
+    low = np.min([r[:2] for r in rects], axis=0)
+    high = np.max([r[2:] for r in rects], axis=0)
+    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The eye: an evaluated camera and the render size as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .. import optics
+from .glasses import Glass
+from .names import RefractiveGlassError
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A perspective or parallel view.
+
+    Attributes
+    ----------
+    eye : (3,) world position of the camera.
+    to_camera : (4, 4) float64, rigid: world to camera space (looking along -z).
+    projection : (4, 4) float64: camera space to normalised device coordinates.
+    size : (width, height) of the picture in pixels.
+    is_parallel : orthographic camera.
+    """
+
+    eye: np.ndarray
+    to_camera: np.ndarray
+    projection: np.ndarray
+    size: tuple[int, int]
+    is_parallel: bool
+
+    def stamp(self) -> tuple:
+        """What pictures depend on."""
+        return (self.to_camera.tobytes(), self.projection.tobytes(), self.size, self.is_parallel)
+
+    @property
+    def forward(self) -> np.ndarray:
+        """World direction (3,) into the scene."""
+        return -self.to_camera[2, :3]
+
+    @property
+    def focal_px(self) -> float:
+        """Pixels per radian at the picture's centre; in a parallel view pixels per metre."""
+        width, height = self.size
+        return 0.5 * max(abs(self.projection[0, 0]) * width, abs(self.projection[1, 1]) * height)
+
+    def eye_for(self, glass: Glass):
+        """The eye as the optics take it, in the glass's frame."""
+        if self.is_parallel:
+            return optics.ParallelView(glass.direction_to_local(self.forward))
+        return glass.to_local(self.eye)
+
+    def clip(self, points: np.ndarray) -> np.ndarray:
+        """Homogeneous picture coordinates (N, 4) of world points (N, 3): x, y, w, depth.
+
+        ``x / w`` and ``y / w`` run from 0 to 1 over the picture from its lower left corner. x, y
+        and w are linear in the point, so they may be interpolated over a triangle before the
+        division. ``depth`` is the distance along the view direction, metres.
+        """
+        matrix = self.projection @ self.to_camera
+        homogeneous = points @ matrix[:, :3].T + matrix[:, 3]
+        w = homogeneous[:, 3]
+        depth = -(points @ self.to_camera[2, :3] + self.to_camera[2, 3])
+        return np.stack(
+            (0.5 * (homogeneous[:, 0] + w), 0.5 * (homogeneous[:, 1] + w), w, depth), axis=1
+        )
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Pixel coordinates (N, 2) of world points in front of the camera, from the lower left."""
+        clip = self.clip(points)
+        return clip[:, :2] / clip[:, 2:3] * np.array(self.size, float)
+
+    def rays(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World origins and unit directions (M, 3) of the rays through pixel coordinates (M,)."""
+        width, height = self.size
+        p = self.projection
+        ndc_x = 2.0 * np.asarray(x, float) / width - 1.0
+        ndc_y = 2.0 * np.asarray(y, float) / height - 1.0
+        rotation = self.to_camera[:3, :3]
+        if self.is_parallel:
+            local = np.stack(
+                ((ndc_x - p[0, 3]) / p[0, 0], (ndc_y - p[1, 3]) / p[1, 1], np.zeros_like(ndc_x)),
+                axis=1,
+            )
+            origins = local @ rotation + self.eye
+            return origins, np.broadcast_to(self.forward, origins.shape)
+        local = np.stack(
+            ((ndc_x + p[0, 2]) / p[0, 0], (ndc_y + p[1, 2]) / p[1, 1], -np.ones_like(ndc_x)), axis=1
+        )
+        local /= np.linalg.norm(local, axis=1, keepdims=True)
+        return np.broadcast_to(self.eye, local.shape), local @ rotation
+
+
+def read_viewpoint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Viewpoint:
+    """The scene's camera as it is evaluated in the depsgraph, at the render size.
+
+    Raises
+    ------
+    RefractiveGlassError
+        No camera, or one whose rays do not come from one point or one direction.
+    """
+    camera = scene.camera
+    if camera is None:
+        raise RefractiveGlassError(
+            f'Scene "{scene.name}" has no camera: add one (Add > Camera) or choose the active one'
+        )
+    if camera.type != "CAMERA":
+        raise RefractiveGlassError(
+            f'The active camera "{camera.name}" is no camera object: choose one'
+        )
+    evaluated = camera.evaluated_get(depsgraph)
+    data = evaluated.data
+    if data.type not in {"PERSP", "ORTHO"}:
+        raise RefractiveGlassError(
+            f'Camera "{camera.name}" is neither perspective nor orthographic: change its lens type'
+        )
+    render = scene.render
+    size = render_size(scene)
+    projection = np.array(
+        evaluated.calc_matrix_camera(
+            depsgraph,
+            x=size[0],
+            y=size[1],
+            scale_x=render.pixel_aspect_x,
+            scale_y=render.pixel_aspect_y,
+        ),
+        float,
+    )
+    # Cameras ignore their scale, as Blender does.
+    to_world = np.array(evaluated.matrix_world.normalized(), float)
+    u, _, vt = np.linalg.svd(to_world[:3, :3])
+    rotation = (u @ vt).T
+    eye = to_world[:3, 3].copy()
+    to_camera = np.eye(4)
+    to_camera[:3, :3] = rotation
+    to_camera[:3, 3] = -rotation @ eye
+    return Viewpoint(eye, to_camera, projection, size, data.type == "ORTHO")
+
+
+def render_size(scene: bpy.types.Scene) -> tuple[int, int]:
+    """Width and height of the rendered frame in pixels."""
+    render = scene.render
+    factor = render.resolution_percentage / 100.0
+    return int(render.resolution_x * factor), int(render.resolution_y * factor)

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which objects a render of a view layer shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+
+
+def rendered_objects(view_layer: bpy.types.ViewLayer) -> Iterator[bpy.types.Object]:
+    """The view layer's objects that renders show, each once, in the collections' order."""
+    seen = set()
+    for layer_collection in _rendered_collections(view_layer.layer_collection):
+        for obj in layer_collection.collection.objects:
+            if obj.hide_render or obj.session_uid in seen:
+                continue
+            seen.add(obj.session_uid)
+            yield obj
+
+
+def _rendered_collections(layer_collection) -> Iterator[bpy.types.LayerCollection]:
+    if layer_collection.collection.hide_render:
+        return
+    if not layer_collection.exclude:
+        yield layer_collection
+    for child in layer_collection.children:
+        yield from _rendered_collections(child)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Settings of a scene: ``scene.refractive_glass``."""
+
+from __future__ import annotations
+
+import bpy
+
+from .. import handlers
+
+
+def _changed(_settings, context: bpy.types.Context) -> None:
+    handlers.request_update(context.scene)
+
+
+class SceneSettings(bpy.types.PropertyGroup):
+    """How the scene's glasses are computed and composited."""
+
+    enabled: bpy.props.BoolProperty(
+        name="Refractive Glass",
+        description="Compute what is seen through the scene's refractive glasses. When off, "
+        "renders show the glasses as ordinary meshes",
+        default=True,
+        update=_changed,
+    )
+    shading: bpy.props.EnumProperty(
+        name="Shading",
+        description="Where what is seen through the glass gets its light from",
+        items=(
+            (
+                "TRUE",
+                "True",
+                "Lit where it is: light and shadows are looked up in the direct picture",
+            ),
+            (
+                "DISPLACED",
+                "Displaced",
+                "Lit where it appears: exact for unlit materials, and faster",
+            ),
+        ),
+        default="TRUE",
+        update=_changed,
+    )
+    surface: bpy.props.EnumProperty(
+        name="Surface",
+        description="How the glass's surfaces treat light",
+        items=(
+            ("GLASS", "Glass", "Refracts and reflects by Fresnel's equations (Glass BSDF)"),
+            ("REFRACTION", "Refraction", "Refracts only, without loss (Refraction BSDF)"),
+        ),
+        default="GLASS",
+        update=_changed,
+    )
+    min_weight: bpy.props.FloatProperty(
+        name="Minimum Weight",
+        description="Light paths that carry less than this part of the light of every ray are "
+        "left out",
+        default=0.01,
+        min=1e-4,
+        max=1.0,
+        precision=4,
+        subtype="FACTOR",
+        update=_changed,
+    )
+    tolerance_px: bpy.props.FloatProperty(
+        name="Tolerance",
+        description="How far, in pixels, the straight image of an edge may lie from its true "
+        "image before the edge is subdivided",
+        default=0.25,
+        min=0.01,
+        soft_max=4.0,
+        subtype="PIXEL",
+        update=_changed,
+    )
+    lookup_samples: bpy.props.EnumProperty(
+        name="Lookup Samples",
+        description="Places looked up in each pixel, a side (True shading)",
+        items=(
+            ("1", "1 x 1", "Fastest; edges are not smoothed"),
+            ("3", "3 x 3", "Smooth edges"),
+            ("5", "5 x 5", "Smoother; takes three times the memory"),
+        ),
+        default="3",
+        update=_changed,
+    )
+
+
+CLASSES = (SceneSettings,)
+
+
+def register() -> None:
+    """Register the classes and hang the settings on the scene."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.refractive_glass = bpy.props.PointerProperty(type=SceneSettings)
+
+
+def unregister() -> None:
+    """Undo :func:`register`."""
+    del bpy.types.Scene.refractive_glass
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

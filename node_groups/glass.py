@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``Refractive Glass``: the modifier that makes the glass's mesh and is its one description.
+
+Local frame as in the optics: cylinder and rod stand on the origin (z from 0 to the height), a
+sphere is centred, a slab's upper face is the object's own flat mesh and the glass lies on the side
+away from its normal.
+"""
+
+from __future__ import annotations
+
+from .tree_builder import TreeBuilder, enabled
+
+NAME = "Refractive Glass"
+SHAPES = ("Slab", "Cylinder", "Rod", "Sphere")
+
+
+def build():
+    """Build the group and return it."""
+    b = TreeBuilder(NAME, "glass")
+    b.tree.is_modifier = True
+    _interface(b)
+    group = b.node("NodeGroupInput")
+    radius, wall = group.outputs["Radius"], group.outputs["Wall Thickness"]
+    height, segments = group.outputs["Height"], group.outputs["Segments"]
+
+    inner = b.math("MAXIMUM", b.math("SUBTRACT", radius, wall), 0.0)
+    slab = _slab(b, group.outputs["Geometry"], wall)
+    tube = _lathe(b, radius, inner, height, segments)
+    rod = _lathe(b, radius, 0.0, height, segments)
+    sphere = _sphere(b, radius, inner, wall, segments)
+
+    menu = b.node("MenuSwitch", data_type="GEOMETRY")
+    menu.enum_items.clear()
+    for name in SHAPES:
+        menu.enum_items.new(name)
+    for name, made in zip(SHAPES, (slab, tube, rod, sphere)):
+        b.link(made, menu.inputs[name])
+    b.link(group.outputs["Shape"], menu.inputs["Menu"])
+    shape_socket = next(i for i in b.tree.interface.items_tree if i.name == "Shape")
+    shape_socket.default_value = "Cylinder"
+
+    material = b.node("SetMaterial")
+    b.link(menu.outputs["Output"], material.inputs["Geometry"])
+    b.link(group.outputs["Material"], material.inputs["Material"])
+
+    # In a render the refracted picture stands in the glass's place, so the mesh keeps out of it.
+    is_viewport = b.node("IsViewport")
+    shown = b.node("FunctionNodeBooleanMath", operation="OR")
+    b.link(is_viewport.outputs[0], shown.inputs[0])
+    b.link(group.outputs["Show in Render"], shown.inputs[1])
+    out = b.switch("GEOMETRY", shown.outputs[0], _nothing(b), material.outputs[0])
+    end = b.node("NodeGroupOutput")
+    b.link(out, end.inputs[0])
+    return b.tree
+
+
+def _interface(b: TreeBuilder) -> None:
+    b.socket("Geometry", "Geometry", output=True)
+    b.socket("Geometry", "Geometry")
+    b.socket("Shape", "Menu", description="What the glass is")
+    b.socket(
+        "Radius",
+        "Float",
+        default=0.04,
+        minimum=0.0,
+        subtype="DISTANCE",
+        description="Outer radius of a cylinder, rod or sphere",
+    )
+    b.socket(
+        "Wall Thickness",
+        "Float",
+        default=0.003,
+        minimum=0.0,
+        subtype="DISTANCE",
+        description="Of a cylinder's or hollow sphere's wall, or of the slab; a sphere with 0 is a solid ball",
+    )
+    b.socket(
+        "Height",
+        "Float",
+        default=0.12,
+        minimum=0.0,
+        subtype="DISTANCE",
+        description="Height of a cylinder or rod",
+    )
+    b.socket("IOR", "Float", default=1.5, description="Index of refraction of the glass")
+    b.socket(
+        "Contents IOR",
+        "Float",
+        default=1.0,
+        description="Index of refraction of what fills a cylinder or sphere: 1 for air, 1.333 for water",
+    )
+    b.socket(
+        "Seen Through",
+        "Collection",
+        description="Only objects of this collection are seen through the glass; empty: everything",
+    )
+    b.socket("Material", "Material", description="Of the mesh, where it is shown as a mesh")
+    b.socket(
+        "Segments", "Int", default=128, minimum=8, maximum=1024, description="Of the mesh, round the axis"
+    )
+    b.socket(
+        "Show in Render",
+        "Bool",
+        default=False,
+        hidden=True,
+        description="Set by the extension: the mesh is rendered only while the refraction is switched off",
+    )
+
+
+def _nothing(b: TreeBuilder):
+    return b.node("JoinGeometry").outputs[0]
+
+
+def _slab(b: TreeBuilder, outline, thickness):
+    extrude = b.node("ExtrudeMesh", mode="FACES")
+    b.link(outline, extrude.inputs["Mesh"])
+    b.link(b.math("MULTIPLY", thickness, -1.0), extrude.inputs["Offset Scale"])
+    extrude.inputs["Individual"].default_value = False
+    # Extruded against the normal, sides and far face come out turned inside out.
+    flip = b.node("FlipFaces")
+    b.link(extrude.outputs["Mesh"], flip.inputs["Mesh"])
+    join = b.node("JoinGeometry")
+    b.link(outline, join.inputs[0])
+    b.link(flip.outputs[0], join.inputs[0])
+    merge = b.node("MergeByDistance")
+    b.link(join.outputs[0], merge.inputs["Geometry"])
+    merge.inputs["Distance"].default_value = 1e-7
+    smooth = b.node("SetShadeSmooth")
+    b.link(merge.outputs[0], smooth.inputs[0])
+    smooth.inputs["Shade Smooth"].default_value = False
+    return smooth.outputs[0]
+
+
+def _lathe(b: TreeBuilder, outer, inner, height, segments):
+    """A closed tube: the profile outer foot, outer top, inner top, inner foot turned about z."""
+    columns = b.math("ADD", segments, 1.0)
+    grid = b.node("MeshGrid")
+    b.link(columns, grid.inputs["Vertices X"])
+    grid.inputs["Vertices Y"].default_value = 5
+    index = b.node("InputIndex").outputs[0]
+    row = b.math("MODULO", index, 5.0)
+    column = b.math("FLOOR", b.math("DIVIDE", b.math("ADD", index, 0.5), 5.0))
+    angle = b.math("MULTIPLY", b.math("DIVIDE", column, segments), 6.283185307179586)
+
+    def along_profile(values):
+        node = b.node("IndexSwitch", data_type="FLOAT")
+        while len(node.index_switch_items) < 5:
+            node.index_switch_items.new()
+        b.link(row, node.inputs["Index"])
+        for slot, value in enumerate(values):
+            b.link(value, node.inputs[slot + 1])
+        return node.outputs[0]
+
+    r = along_profile((outer, outer, inner, inner, outer))
+    z = along_profile((0.0, height, height, 0.0, 0.0))
+    place = b.node("ShaderNodeCombineXYZ")
+    b.link(b.math("MULTIPLY", r, b.math("COSINE", angle)), place.inputs[0])
+    b.link(b.math("MULTIPLY", r, b.math("SINE", angle)), place.inputs[1])
+    b.link(z, place.inputs[2])
+    move = b.node("SetPosition")
+    b.link(grid.outputs["Mesh"], move.inputs["Geometry"])
+    b.link(place.outputs[0], move.inputs["Position"])
+    merge = b.node("MergeByDistance")
+    b.link(move.outputs[0], merge.inputs["Geometry"])
+    b.link(b.math("MULTIPLY", outer, 1e-6), merge.inputs["Distance"])
+    return _smooth_but_rims(b, merge.outputs[0])
+
+
+def _smooth_but_rims(b: TreeBuilder, mesh):
+    edge = b.node("InputMeshEdgeAngle")
+    sharp = b.node("FunctionNodeCompare", data_type="FLOAT", operation="GREATER_THAN")
+    b.link(edge.outputs["Unsigned Angle"], enabled(sharp.inputs, "A"))
+    enabled(sharp.inputs, "B").default_value = 0.8
+    normals = b.node("SetMeshNormal", mode="SHARPNESS")
+    b.link(mesh, normals.inputs["Mesh"])
+    b.link(sharp.outputs[0], normals.inputs["Edge Sharpness"])
+    return normals.outputs[0]
+
+
+def _sphere(b: TreeBuilder, radius, inner, wall, segments):
+    def shell(r):
+        node = b.node("MeshUVSphere")
+        b.link(segments, node.inputs["Segments"])
+        b.link(b.math("DIVIDE", segments, 2.0), node.inputs["Rings"])
+        b.link(r, node.inputs["Radius"])
+        return node.outputs["Mesh"]
+
+    flip = b.node("FlipFaces")
+    b.link(shell(inner), flip.inputs["Mesh"])
+    hollow = b.node("JoinGeometry")
+    b.link(shell(radius), hollow.inputs[0])
+    b.link(flip.outputs[0], hollow.inputs[0])
+    thick = b.node("FunctionNodeCompare", data_type="FLOAT", operation="GREATER_THAN")
+    b.link(wall, enabled(thick.inputs, "A"))
+    enabled(thick.inputs, "B").default_value = 0.0
+    chosen = b.switch("GEOMETRY", thick.outputs[0], shell(radius), hollow.outputs[0])
+    smooth = b.node("SetShadeSmooth")
+    b.link(chosen, smooth.inputs[0])
+    return smooth.outputs[0]
