@@ -7,6 +7,7 @@ from .laws import fresnel, reflect, refract
 from .media import MEDIA
 from .paths import LightPath, ParallelView
 from .tracing import TracedRays, trace
+from .weights import light_paths, path_weights
 
 __all__ = [
     "MEDIA",
@@ -19,6 +20,8 @@ __all__ = [
     "TracedRays",
     "apparent_points",
     "fresnel",
+    "light_paths",
+    "path_weights",
     "reflect",
     "refract",
     "trace",

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .glasses import CylinderGlass, FlatGlass, Glass, SphereGlass
+from .glasses import CylinderGlass, FlatGlass, Glass
 from .paths import LightPath, ParallelView, as_eye, as_path
 from .solver import in_blocks
 from .tracing import Bundle, advance, meet, reflectance, start
@@ -107,10 +107,11 @@ def light_paths(
         raise ValueError(f"min_weight must be positive, not {min_weight!r}")
     origins, directions, share = _sample(glass, as_eye(eye))
     rays, _ = start(glass, origins, directions)
-    hits = np.flatnonzero(meet(glass, rays).inside)
-    if not len(hits):
+    hits = meet(glass, rays).inside
+    if not hits.any():
         return ()
     share = share / share[hits].sum()
+    hits = np.flatnonzero(hits & ~_trapped(glass, rays))
     means: dict[str, float] = {}
     peaks: dict[str, float] = {}
     stack = [("", rays.take(hits), share[hits], np.ones(len(hits)))]
@@ -126,21 +127,168 @@ def light_paths(
         reflected = reflectance(glass, rays, meeting)
         for event in "TR":
             carried = weight * (reflected if event == "R" else 1.0 - reflected)
-            # Weights only fall along a path: what is too weak now stays so.
-            strong = np.flatnonzero(carried > min_weight)
-            if not len(strong):
+            # Weights only fall along a path: what is too weak everywhere now stays so. Rays far
+            # below the bound no longer count for the mean.
+            if not (carried > min_weight).any() or len(events) >= LONGEST:
                 continue
-            after, possible = advance(
-                glass, rays.take(strong), meeting.take(strong), event
-            )
-            stack.append(
-                (
-                    events + event,
-                    after.take(possible),
-                    part[strong][possible],
-                    carried[strong][possible],
-                )
-            )
+            strong = np.flatnonzero(carried > 0.1 * min_weight)
+            after, possible = advance(glass, rays.take(strong), meeting.take(strong), event)
+            strong = strong[possible]
+            stack.append((events + event, after.take(possible), part[strong], carried[strong]))
     kept = [name for name, peak in peaks.items() if peak > min_weight]
     kept.sort(key=lambda name: (-means[name], len(name), name))
     return tuple(LightPath(name) for name in kept)
+
+
+LONGEST = 24
+"""Events of the longest path looked at."""
+
+COUNT = 128
+"""Angles sampled across the glass."""
+
+
+def _trapped(glass: Glass, rays: Bundle) -> NDArray[np.bool_]:
+    """Which rays are totally reflected for ever: their invariants allow no way out."""
+    momentum = np.asarray(glass.media)[rays.medium][:, None] * rays.direction
+    if isinstance(glass, FlatGlass):
+        across = np.hypot(momentum[:, 0], momentum[:, 1])
+        return across >= max(glass.ior_above, glass.ior_below)
+    turning = np.cross(rays.origin, momentum)
+    if isinstance(glass, CylinderGlass):
+        ell, zeta = np.abs(turning[:, 2]), momentum[:, 2]
+    else:
+        ell, zeta = np.sqrt(np.sum(turning * turning, axis=-1)), 0.0
+    room = glass.ior_outside**2 - zeta * zeta
+    return ell >= glass.radius[0] * np.sqrt(np.maximum(room, 0.0))
+
+
+def _towards_grazing(count: int) -> tuple[Floats, Floats]:
+    """Angles of incidence in (0, π/2), dense towards π/2, and their shares of that range."""
+    edges = 0.5 * np.pi * (1.0 - np.linspace(1.0, 0.0, count + 1) ** 2)
+    return 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+
+
+def _midpoints(low: ArrayLike, high: ArrayLike, count: int) -> Floats:
+    """`count` equally spaced points between each pair of ends, on a new last axis."""
+    parts = (np.arange(count) + 0.5) / count
+    low, high = np.asarray(low, dtype=float)[..., None], np.asarray(high, dtype=float)[..., None]
+    return low + (high - low) * parts
+
+
+def _sample(glass: Glass, eye: Floats | ParallelView) -> tuple[Floats, Floats, Floats]:
+    """Rays from a viewpoint that cover the glass: origins, directions, shares of the picture."""
+    if isinstance(glass, FlatGlass):
+        return _sample_flat(glass, eye)
+    parallel = isinstance(eye, ParallelView)
+    if not parallel and int(glass.medium_at(eye)) > 0:
+        return _sample_around(eye)
+    towards = -np.asarray(eye.direction) if parallel else eye
+    cylinder = isinstance(glass, CylinderGlass)
+    flat_part = towards * (1.0, 1.0, 0.0) if cylinder else towards
+    away = float(np.sqrt(flat_part @ flat_part))
+    if away < 1e-12 * np.sqrt(towards @ towards):
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)  # along the axis: no wall is met
+    axis = flat_part / away
+    if cylinder:
+        side = np.array([-axis[1], axis[0], 0.0])
+    else:
+        side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        side = side / np.sqrt(side @ side)
+    radius = glass.radius[0]
+    incidence, share = _towards_grazing(COUNT)
+    impact = np.sin(incidence)
+    low, high = (-1.0, 1.0) if not cylinder or glass.extent is None else glass.extent
+    if parallel:
+        share = share * np.cos(incidence) * (1.0 if cylinder else impact)
+        origins = radius * (impact[:, None] * side + 2.0 * axis)
+        directions = np.broadcast_to(eye.direction, origins.shape)
+        if not cylinder:
+            return origins, directions, share
+        # The height of the first meeting, spread over the extent.
+        way = radius * (2.0 - np.cos(incidence)) * (-towards[2] / away)
+        heights = _midpoints(np.full(COUNT, low), np.full(COUNT, high), 9) - way[:, None]
+        origins = np.repeat(origins[:, None], 9, axis=1)
+        origins[..., 2] = heights
+        directions = np.broadcast_to(eye.direction, origins.shape)
+        return origins.reshape(-1, 3), directions.reshape(-1, 3), np.repeat(share, 9)
+    sine = impact * (radius / away)
+    cosine = np.sqrt(1.0 - sine * sine)
+    share = share * np.cos(incidence) / cosine
+    across = sine[:, None] * side - cosine[:, None] * axis
+    if not cylinder:
+        return np.broadcast_to(eye, across.shape), across, share * sine
+    ways = away * cosine - radius * np.cos(incidence)
+    if glass.extent is None:
+        low, high = np.zeros(COUNT), np.full(COUNT, 0.5 * np.pi)
+    else:
+        low, high = np.arctan2(low - eye[2], ways), np.arctan2(high - eye[2], ways)
+    rise = _midpoints(low, high, 24)
+    share = share[:, None] * (high - low)[:, None] * np.cos(rise)
+    directions = np.cos(rise)[..., None] * across[:, None]
+    directions[..., 2] = np.sin(rise)
+    directions = directions.reshape(-1, 3)
+    return np.broadcast_to(eye, directions.shape), directions, share.ravel()
+
+
+def _sample_around(eye: Floats) -> tuple[Floats, Floats, Floats]:
+    """Directions all round, of equal share."""
+    azimuth = _midpoints(-np.pi, np.pi, COUNT)
+    height = _midpoints(-1.0, 1.0, COUNT // 2)
+    flat = np.sqrt(1.0 - height * height)
+    directions = np.stack(
+        [
+            np.outer(flat, np.cos(azimuth)),
+            np.outer(flat, np.sin(azimuth)),
+            np.repeat(height[:, None], COUNT, axis=1),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    return np.broadcast_to(eye, directions.shape), directions, np.ones(len(directions))
+
+
+def _sample_flat(glass: FlatGlass, eye: Floats | ParallelView) -> tuple[Floats, Floats, Floats]:
+    parallel = isinstance(eye, ParallelView)
+    heights = glass.heights
+    if parallel:
+        faces = [heights[0] if eye.direction[2] < 0.0 else heights[-1]]
+    else:
+        medium = int(glass.medium_at(eye))
+        faces = [heights[k] for k in (medium - 1, medium) if 0 <= k < len(heights)]
+    if glass.outline is None:
+        if parallel:
+            direction = np.asarray(eye.direction)[None]
+            origin = np.array([[0.0, 0.0, faces[0]]]) - direction * (glass.heights[0] + 1.0)
+            return origin, direction, np.ones(1)
+        incidence, share = _towards_grazing(512)
+        share = share * np.sin(incidence)
+        directions = [
+            np.stack(
+                [
+                    np.sin(incidence),
+                    np.zeros(512),
+                    np.cos(incidence) * (1.0 if face > eye[2] else -1.0),
+                ],
+                axis=-1,
+            )
+            for face in faces
+        ]
+        directions = np.concatenate(directions)
+        return np.broadcast_to(eye, directions.shape), directions, np.tile(share, len(faces))
+    corners = np.asarray(glass.outline)
+    grid = np.stack(
+        np.meshgrid(
+            *(_midpoints(corners[:, k].min(), corners[:, k].max(), 96) for k in (0, 1)),
+            indexing="ij",
+        ),
+        axis=-1,
+    ).reshape(-1, 2)
+    places = np.concatenate([np.column_stack([grid, np.full(len(grid), face)]) for face in faces])
+    if parallel:
+        directions = np.broadcast_to(eye.direction, places.shape)
+        return places - directions, directions, np.ones(len(places))
+    directions = places - eye
+    away = np.sqrt(np.sum(directions * directions, axis=-1))
+    reached = away > 0.0
+    share = np.abs(directions[:, 2])[reached] / away[reached] ** 3
+    directions = directions[reached]
+    return np.broadcast_to(eye, directions.shape), directions, share
