@@ -20,6 +20,9 @@ from ..optics.glasses import CylinderGlass, FlatGlass, SphereGlass
 # cylinder, 1.9e-5 r for the sphere, whose number of faces grows with the square.
 CYLINDER_SEGMENTS = 2048
 SPHERE_SEGMENTS = 512
+# Length to width of a wall's facets: long slivers cost a renderer digits and time.
+FACET_ASPECT = 32
+MAX_BANDS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,17 +215,18 @@ def _wall(
 ) -> Surface:
     """A cylinder's wall between two heights, its normals away from the axis."""
     count = len(circle)
-    corners = _band(count).ravel()
-    vertices = np.concatenate(
-        [np.column_stack((radius * circle, np.full(count, height))) for height in extent]
-    )
-    outward = np.column_stack((circle, np.zeros(count)))
+    longest = FACET_ASPECT * radius * 2 * np.pi / count
+    bands = min(MAX_BANDS, int(np.ceil((extent[1] - extent[0]) / longest)))
+    heights = np.linspace(*extent, bands + 1)
+    corners = (np.arange(bands)[:, None, None] * count + _band(count)).ravel()
     return Surface(
         name=name,
-        vertices=vertices,
+        vertices=np.column_stack(
+            (np.tile(radius * circle, (bands + 1, 1)), np.repeat(heights, count))
+        ),
         corners=corners,
-        sizes=np.full(count, 4),
-        normals=outward[corners % count],
+        sizes=np.full(bands * count, 4),
+        normals=np.column_stack((circle, np.zeros(count)))[corners % count],
         ior_inside=ior_inside,
         ior_outside=ior_outside,
     )
