@@ -18,7 +18,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from .scene import update as door
-from .scene.names import RefractiveGlassError, TAG, own
+from .scene.names import TAG, RefractiveGlassError, own
 
 _asked: set[int] = set()
 _rendering = False

@@ -6,8 +6,9 @@ slot, whose positions NumPy writes. The group takes the source by Object Info, m
 onto the carrier's and keeps all else: faces, UVs, materials, attributes and original normals. A
 carrier that has faces of its own (a refined source) is drawn itself.
 
-Carrier attributes: ``rg_seen`` (float, point; 0 = no image), ``rg_lookup`` (colour, point: where
-the true place is in the direct picture), ``rg_normal`` (vector, corner; refined carriers only).
+Carrier attributes: ``rg_seen`` (float, point; 1 = has an image, 0 = lies on the fold instead, far
+below 0 = no face may use it), ``rg_lookup`` (colour, point: where the true place is in the direct
+picture), ``rg_normal`` (vector, corner; refined carriers only).
 """
 
 from __future__ import annotations

@@ -219,8 +219,15 @@ class _Group:
         if not self.true_shading:
             return drawn.outputs["Image"], drawn.outputs["Alpha"]
         where = self._layer(self.layers.lookup, pane.layer(path))
-        looked_up = self._map(self.direct, where.outputs["Image"], "Bicubic")
-        shown = self._shown_in_direct(where)
+        split = self._node("CompositorNodeSeparateColor")
+        self._link(where.outputs["Image"], split.inputs[0])
+        # Map UV multiplies by the third component.
+        place = self._node("ShaderNodeCombineXYZ")
+        self._link(split.outputs[0], place.inputs[0])
+        self._link(split.outputs[1], place.inputs[1])
+        place.inputs[2].default_value = 1.0
+        looked_up = self._map(self.direct, place.outputs[0], "Bicubic")
+        shown = self._shown_in_direct(place.outputs[0], split.outputs[2], where.outputs["Alpha"])
         found = self._brought_down(self._scaled(looked_up, shown))
         share = self._brought_down(shown)
         missing = self._math("SUBTRACT", 1.0, share)
@@ -230,17 +237,15 @@ class _Group:
         )
         return colour, alpha
 
-    def _shown_in_direct(self, where):
+    def _shown_in_direct(self, place, inverse_depth, alpha):
         """1 where the direct picture shows the place itself, not something before it."""
         split = self._node("CompositorNodeSeparateColor")
-        self._link(where.outputs["Image"], split.inputs[0])
-        inverse = split.outputs[2]
-        direct = self._map(self.direct_depth, where.outputs["Image"], "Bilinear")
-        split = self._node("CompositorNodeSeparateColor")
-        self._link(direct, split.inputs[0])
-        off = self._math("ABSOLUTE", self._math("SUBTRACT", split.outputs[0], inverse))
-        near = self._math("LESS_THAN", off, self._math("MULTIPLY", inverse, DEPTH_TOLERANCE))
-        return self._math("MULTIPLY", near, where.outputs["Alpha"])
+        self._link(self._map(self.direct_depth, place, "Bilinear"), split.inputs[0])
+        off = self._math("ABSOLUTE", self._math("SUBTRACT", split.outputs[0], inverse_depth))
+        near = self._math(
+            "LESS_THAN", off, self._math("MULTIPLY", inverse_depth, DEPTH_TOLERANCE)
+        )
+        return self._math("MULTIPLY", near, alpha)
 
     def _map(self, image, where, interpolation: str):
         node = self._node("CompositorNodeMapUV")

@@ -12,7 +12,7 @@ from mathutils import Matrix
 
 from .. import optics
 from .arrays import edges, positions, write_attribute, write_positions
-from .glasses import Glass
+from .glasses import Glass, unbounded
 from .modifier_inputs import write_input
 from .sources import Piece, world_positions
 from .tessellation import (
@@ -57,17 +57,6 @@ class Solver:
         """The same in the world."""
         found = self(points)
         return Images(self.glass.points_to_world(found.position), found.valid)
-
-
-def unbounded(description):
-    """The glass without its outline or extent."""
-    if isinstance(description, optics.FlatGlass):
-        return optics.FlatGlass(
-            description.thickness, description.ior, description.ior_above, description.ior_below
-        )
-    if isinstance(description, optics.CylinderGlass):
-        return optics.CylinderGlass(description.radius, description.ior, description.ior_outside)
-    return description
 
 
 @dataclass
@@ -186,7 +175,10 @@ def _write_slots(
     slots = _used_slots(images.valid)
     lookup = np.tile(view.clip(points), (slots, 1))
     where = images.position[:slots].reshape(-1, 3)
-    seen = images.valid[:slots].reshape(-1).astype(np.float32)
+    # A source that reaches through an interface has its parts in different slots; what a slot
+    # says beyond the interface means nothing, so no face may hang on it.
+    beyond = -1e3 if images.valid.any(axis=1).sum() > 1 else 0.0
+    seen = np.where(images.valid[:slots].reshape(-1), 1.0, beyond)
     _write_carrier(copy.data, where, seen, lookup, keep_mesh=keep_mesh)
     write_input(copy.modifiers[0], "Slots", max(1, slots))
 

@@ -140,6 +140,17 @@ def _coaxial(shape: str, size: dict[str, float], ior: float, contents: float):
     return optics.CylinderGlass(radii, media, extent=(0.0, size["height"]))
 
 
+def unbounded(description):
+    """The glass without its outline or extent."""
+    if isinstance(description, optics.FlatGlass):
+        return optics.FlatGlass(
+            description.thickness, description.ior, description.ior_above, description.ior_below
+        )
+    if isinstance(description, optics.CylinderGlass):
+        return optics.CylinderGlass(description.radius, description.ior, description.ior_outside)
+    return description
+
+
 def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:
     """Split a world matrix (4, 4) into a rigid one and a uniform scale.
 

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from .. import optics
-from .glasses import Glass, read_glasses
+from .glasses import Glass, read_glasses, unbounded
 from .hull import first_face
 from .viewpoint import Viewpoint, read_viewpoint
 
@@ -23,13 +23,18 @@ SUBSAMPLES = 6
 class Regions:
     """Weights of a glass's light paths over a part of the picture.
 
+    A ray that enters the glass but would meet a later face beyond its extent (it leaves through
+    the open top, or a table stops it before) is given to the path that it would take in the
+    unbounded glass: the nearest kept path stands in, and no hole is left.
+
     Attributes
     ----------
     rect : (x0, y0, x1, y1) pixels, half open, from the picture's lower left corner.
     paths : the paths, in the order of ``weights``.
     weights : (P, h, w) float32: of the light that reaches the eye through the glass, the part
         along each path; also given a few pixels beyond the outline.
-    inside : (P, h, w) bool: pixels that lie in the path's region wholly.
+    inside : (P, h, w) bool: pixels that lie wholly in the region where rays take the path,
+        every face met within its extent.
     hit : (h, w) bool: the ray through the pixel's centre meets the glass.
     """
 
@@ -76,6 +81,7 @@ def path_regions(
     paths: tuple[optics.LightPath, ...],
     *,
     fresnel: bool = True,
+    exact: bool = False,
 ) -> Regions:
     """The weights of ``paths`` for every pixel that the glass can cover.
 
@@ -83,6 +89,7 @@ def path_regions(
     ----------
     fresnel : weigh by Fresnel's equations, as a glass surface; else as a surface that only
         refracts: 1 where the ray takes the path, and nothing along paths with a reflection.
+    exact : find ``inside`` too (else it is all False): the weights do not need it.
     """
     rect = picture_rect(glass, view)
     x0, y0, x1, y1 = rect
@@ -95,13 +102,17 @@ def path_regions(
     taken = taken.reshape(-1, height, width)
 
     border = _border(np.concatenate((taken, hit[None])))
+    inside = np.zeros_like(taken)
+    if exact and taken.size:
+        inside = rays.bounded(x.ravel(), y.ravel()).reshape(taken.shape)
+        inside &= ~_border(inside)
     rows, columns = np.nonzero(border)
     edge_weights, edge_cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
     weights[:, rows, columns] = edge_weights
     known = hit.copy()
     known[rows, columns] = edge_cover > 0
     _spread(weights, known)
-    return Regions(rect, paths, weights.astype(np.float32), taken & ~border, hit)
+    return Regions(rect, paths, weights.astype(np.float32), inside, hit)
 
 
 class _Rays:
@@ -116,16 +127,26 @@ class _Rays:
         if not len(x):
             none = np.zeros((len(self.paths), 0))
             return none, np.zeros(0, bool), none > 0
-        origins, directions = self.view.rays(x, y)
-        directions = self.glass.direction_to_local(directions)
-        eye = self.glass.to_local(origins if self.view.is_parallel else self.view.eye)
-        all_paths = (optics.LightPath(""), *self.paths)
-        found, _ = optics.path_weights(self.glass.description, eye, directions, all_paths)
-        direct, found = found[0], found[1:]
-        taken = found > 0
+        eye, directions = self._local(x, y)
+        description = self.glass.description
+        missed, _ = optics.path_weights(description, eye, directions, (optics.LightPath(""),))
+        found, _ = optics.path_weights(unbounded(description), eye, directions, self.paths)
+        hit = missed[0] < 0.5
+        taken = (found > 0) & hit
         if not self.fresnel:
             found = (taken & self.refracting[:, None]).astype(float)
-        return found, direct < 0.5, taken
+        return found, hit, taken
+
+    def bounded(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(P, M) whether the path is taken with every face met within its extent."""
+        eye, directions = self._local(x, y)
+        found, _ = optics.path_weights(self.glass.description, eye, directions, self.paths)
+        return found > 0
+
+    def _local(self, x, y):
+        origins, directions = self.view.rays(x, y)
+        eye = self.glass.to_local(origins if self.view.is_parallel else self.view.eye)
+        return eye, self.glass.direction_to_local(directions)
 
     def filtered(self, x: np.ndarray, y: np.ndarray):
         """Means over the pixel filter, of the rays that meet the glass: (P, M); their share (M,)."""
@@ -198,7 +219,7 @@ def region_masks(
     for glass in read_glasses(depsgraph):
         weight = scene.refractive_glass.min_weight if min_weight is None else min_weight
         paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=weight)
-        found = path_regions(glass, view, paths)
+        found = path_regions(glass, view, paths, exact=True)
         cover = np.zeros((height, width), bool)
         cover |= found.full(found.weights.sum(axis=0) > 0, view.size)
         beside &= ~cover

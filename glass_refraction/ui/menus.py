@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from .operators import OBJECT_OT_refractive_glass_add, SHAPES
+from .operators import SHAPES, OBJECT_OT_refractive_glass_add
 
 
 class VIEW3D_MT_refractive_glass_add(bpy.types.Menu):
