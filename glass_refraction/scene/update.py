@@ -94,8 +94,14 @@ def effective_shading(scene: bpy.types.Scene) -> str:
     return scene.refractive_glass.shading
 
 
-def prepare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+def prepare(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, strict: bool = False
+) -> None:
     """Make own scenes, copies and the compositor's node group match the scene.
+
+    Parameters
+    ----------
+    strict : a scene without a glass is an error, not an order to clean up.
 
     Raises
     ------
@@ -105,6 +111,15 @@ def prepare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     settings = scene.refractive_glass
     view_layer = scene.view_layers[0]
     glasses = glass_objects(view_layer)
+    if strict and not glasses:
+        raise RefractiveGlassError(
+            f'Scene "{scene.name}" has no refractive glass: add one (Add > Mesh > Refractive Glass)'
+        )
+    linked = [obj for obj in glasses if not obj.is_editable]
+    if linked:
+        raise RefractiveGlassError(
+            f'Glass "{linked[0].name}" is linked from a library: make it local (Object > Relations)'
+        )
     for obj in glasses:
         write_input(glass_modifier(obj), "Show in Render", not settings.enabled)
     if not settings.enabled or not glasses:
@@ -123,8 +138,12 @@ def prepare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
             continue
         panes.append(Pane(obj, paths, tuple(seen_through(obj, sources))))
     if not panes:
-        remove(scene)
         raise RefractiveGlassError(" ".join(problems))
+    if not any(pane.sources for pane in panes):
+        raise RefractiveGlassError(
+            f'Glass "{panes[0].glass.name}": nothing can be seen through it; add a mesh that is '
+            "visible in renders (and in its Seen Through collection)"
+        )
     layers, anew = build_layers(scene, panes)
     shading, side = effective_shading(scene), int(settings.lookup_samples)
     wiring = f"{shading} {side}"

@@ -170,7 +170,7 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene
         try:
-            door.prepare(scene, context.evaluated_depsgraph_get())
+            door.prepare(scene, context.evaluated_depsgraph_get(), strict=True)
             found = door.update(scene, context.evaluated_depsgraph_get())
         except RefractiveGlassError as error:
             self.report({"ERROR"}, str(error))

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command line: ``python -m glass_refraction`` and ``blender --command refractive_glass``.
+
+Exit status 0 on success, 2 and one line on bad input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+FORMATS = {".png": "PNG", ".exr": "OPEN_EXR", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF"}
+
+
+class _BadInput(Exception):
+    """One line that says what is wrong and what to do."""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    parser = _parser()
+    try:
+        options = parser.parse_args(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    from .scene.names import RefractiveGlassError
+
+    try:
+        options.run(options)
+    except (_BadInput, RefractiveGlassError, OSError) as error:
+        print(f"refractive_glass: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="refractive_glass", description="Objects seen through glass, computed by Snell's law."
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    render = commands.add_parser("render", help="render as F12 would")
+    render.add_argument("scene", metavar="SCENE.blend", type=Path)
+    render.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.png")
+    render.add_argument("--frames", type=_frames, metavar="FIRST-LAST", help="one frame or a range")
+    render.add_argument(
+        "--regions",
+        action="store_true",
+        help="write how often each pixel's light is refracted, one colour a count, instead",
+    )
+    render.set_defaults(run=_render)
+
+    compare = commands.add_parser("compare", help="render with real glass in Cycles too")
+    compare.add_argument("scene", metavar="SCENE.blend", type=Path)
+    compare.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
+    compare.add_argument("--samples", type=int, help="of the reference; default: the scene's")
+    compare.add_argument("--frame", type=int, help="default: the file's current frame")
+    compare.set_defaults(run=_compare)
+    return parser
+
+
+def _frames(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(-?\d+)(?:-(-?\d+))?", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a frame nor FIRST-LAST")
+    first = int(match[1])
+    last = int(match[2]) if match[2] is not None else first
+    if last < first:
+        raise argparse.ArgumentTypeError(f"{text!r}: the last frame is before the first")
+    return first, last
+
+
+def _open(path: Path):
+    """Open a .blend with the extension registered; returns its active scene."""
+    import bpy
+
+    from . import register
+
+    if not path.is_file():
+        raise _BadInput(f"{path}: no such file")
+    if not hasattr(bpy.types.Scene, "refractive_glass"):
+        register()
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()))
+    except RuntimeError as error:
+        raise _BadInput(f"{path}: not a readable .blend file") from error
+    return bpy.context.scene
+
+
+def _prepare(scene) -> None:
+    """Check the scene before minutes of rendering, and say what will be left out."""
+    import bpy
+
+    from .scene import update as door
+
+    door.prepare(scene, bpy.context.evaluated_depsgraph_get(), strict=True)
+    for problem in door.status(scene).problems:
+        print(f"refractive_glass: {problem}", file=sys.stderr)
+
+
+def _render(options: argparse.Namespace) -> None:
+    import bpy
+
+    output = options.output.resolve()
+    if output.suffix.lower() not in FORMATS:
+        raise _BadInput(f"{options.output}: the file name must end in one of {', '.join(FORMATS)}")
+    scene = _open(options.scene)
+    _prepare(scene)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    first, last = options.frames or (scene.frame_current, scene.frame_current)
+    for frame in range(first, last + 1):
+        scene.frame_set(frame)
+        path = output
+        if last > first:
+            path = output.with_stem(f"{output.stem}{frame:04d}")
+        if options.regions:
+            _write_regions(scene, path)
+            continue
+        image = scene.render.image_settings
+        image.media_type = "IMAGE"
+        image.file_format = FORMATS[path.suffix.lower()]
+        scene.render.use_file_extension = False
+        scene.render.filepath = str(path)
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+        if not path.is_file():
+            raise _BadInput(f"{path}: the picture could not be written")
+
+
+def _write_regions(scene, path: Path) -> None:
+    import bpy
+
+    from .scene.region_map import write_region_map
+
+    write_region_map(scene, bpy.context.evaluated_depsgraph_get(), path)
+
+
+def _compare(options: argparse.Namespace) -> None:
+    from .reference.compare import compare
+
+    if options.samples is not None and options.samples < 1:
+        raise _BadInput(f"--samples {options.samples}: must be at least 1")
+    scene = _open(options.scene)
+    if options.frame is not None:
+        scene.frame_set(options.frame)
+    _prepare(scene)
+
+    def progress(share: float) -> None:
+        print(f"compare: {100 * share:3.0f} %", file=sys.stderr)
+
+    found = compare(scene, options.output, samples=options.samples, progress=progress)
+    print(
+        f"{options.output}: PSNR {found['psnr_db']:.2f} dB, FLIP {found['flip_mean']:.4f}, "
+        f"{found['seconds_composite']:.1f} s composited, {found['seconds_reference']:.1f} s Cycles"
+    )
