@@ -11,7 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..scene.glasses import Glass, read_glasses
-from ..scene.names import TAG, own
+from ..scene.names import TAG, RefractiveGlassError, own
 from .glass_mesh import Surface, glass_surfaces
 from .picture import render_picture
 
@@ -43,7 +43,7 @@ def render_reference(
     Parameters
     ----------
     samples : per pixel; by default as many as the scene's own renders take.
-    seed : of the noise; the scene's own is not used.
+    seed : of the noise, instead of the scene's; the same number repeats the scene's own noise.
     surface : "GLASS" refracts and mirrors by Fresnel's laws; "REFRACTION" refracts all light, and
         is black where it is reflected totally.
     glass_shadows : False lights every surface as though there were no glass: it is there for the
@@ -58,7 +58,9 @@ def render_reference(
     Raises
     ------
     ValueError
-        Unknown ``surface``, ``samples`` below 1, no camera.
+        Unknown ``surface``, ``samples`` below 1.
+    RefractiveGlassError
+        No camera, no view layer in use, a glass that cannot be computed.
     RuntimeError
         The render was cancelled.
     """
@@ -67,11 +69,15 @@ def render_reference(
     if samples is not None and samples < 1:
         raise ValueError(f"samples must be at least 1, not {samples}")
     if scene.camera is None:
-        raise ValueError(f'scene "{scene.name}" has no camera')
+        raise RefractiveGlassError(f'Scene "{scene.name}" has no camera: add one (Add > Camera)')
     if glasses is None:
-        glasses = scene_glasses(scene)
+        glasses = read_glasses(scene_depsgraph(scene))
+    hidden = [scene.objects[glass.name] for glass in glasses if glass.name in scene.objects]
     with _reference_scene(scene) as reference, ExitStack() as temporary:
-        _set_up_cycles(reference, scene, samples or scene_samples(scene), seed)
+        for obj in hidden:
+            temporary.callback(setattr, obj, "hide_render", obj.hide_render)
+            obj.hide_render = True
+        _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)
         materials: dict[float, bpy.types.Material] = {}
         for glass in glasses:
             obj = _glass_object(glass, surface, glass_shadows, materials, temporary)
@@ -80,32 +86,35 @@ def render_reference(
         return render_picture(reference)
 
 
-def scene_glasses(scene: bpy.types.Scene) -> list[Glass]:
-    """The glasses that the scene's own view layers show at its current frame."""
+def scene_depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
+    """The scene's first rendered view layer, evaluated at the current frame."""
     layer = main_view_layer(scene)
     layer.update()
-    return read_glasses(layer.depsgraph)
+    return layer.depsgraph
 
 
 def main_view_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
-    """The first view layer that the user made and that takes part in renders.
+    """The first view layer that takes part in renders.
 
     Raises
     ------
-    ValueError
+    RefractiveGlassError
         There is none.
     """
     for layer in scene.view_layers:
-        if layer.use and not own(layer):
+        if layer.use:
             return layer
-    raise ValueError(f'scene "{scene.name}" has no view layer that is used for rendering')
+    raise RefractiveGlassError(
+        f'Scene "{scene.name}" renders none of its view layers: switch one on '
+        "(View Layer properties > Use for Rendering)"
+    )
 
 
-def scene_samples(scene: bpy.types.Scene) -> int:
-    """Samples per pixel that the scene's own renders take."""
+def samples_setting(scene: bpy.types.Scene) -> tuple[bpy.types.bpy_struct, str]:
+    """The settings that hold the samples per pixel of the scene's engine, and the property's name."""
     if scene.render.engine == "CYCLES":
-        return scene.cycles.samples
-    return scene.eevee.taa_render_samples
+        return scene.cycles, "samples"
+    return scene.eevee, "taa_render_samples"
 
 
 @contextmanager
@@ -149,7 +158,6 @@ def _set_up_cycles(
     reference.render.engine = "CYCLES"
     cycles.samples = samples
     cycles.seed = seed
-    cycles.use_animated_seed = False
     cycles.use_adaptive_sampling = False
     cycles.use_denoising = False
     cycles.use_sample_subset = False

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..optics.glasses import CylinderGlass, FlatGlass, SphereGlass
+from ..optics import CylinderGlass, FlatGlass, SphereGlass
 
 # Facets round a full circle. A chord misses its arc by r * (pi / segments)**2 / 2: 1.2e-6 r for the
 # cylinder, 1.9e-5 r for the sphere, whose number of faces grows with the square.

@@ -10,8 +10,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 from mathutils import Euler, Matrix, Vector  # noqa: E402
 
-from glass_refraction.optics.glasses import CylinderGlass, FlatGlass, SphereGlass  # noqa: E402
+from glass_refraction.optics import CylinderGlass, FlatGlass, SphereGlass  # noqa: E402
 from glass_refraction.reference.cycles import render_reference  # noqa: E402
+from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
 
 SIZE = 64
 WALL_Y = 0.25
@@ -323,5 +324,5 @@ def test_bad_input_is_named(scene):
     with pytest.raises(ValueError, match="samples must be at least 1, not 0"):
         render_reference(scene, samples=0, glasses=[])
     scene.camera = None
-    with pytest.raises(ValueError, match='scene "Scene" has no camera'):
+    with pytest.raises(RefractiveGlassError, match='Scene "Scene" has no camera'):
         render_reference(scene, glasses=[])

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from glass_refraction.optics.glasses import CylinderGlass, FlatGlass, SphereGlass
+from glass_refraction.optics import CylinderGlass, FlatGlass, SphereGlass
 from glass_refraction.reference.glass_mesh import glass_surfaces
 
 ANGLE = np.arange(10) * np.pi / 5

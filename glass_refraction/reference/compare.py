@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The composited picture held against the same frame with real glass in Cycles."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..scene.glasses import read_glasses
+from ..scene.names import RefractiveGlassError
+from ..scene.regions import region_masks
+from ..scene.update import effective_shading, status
+from ..scene.viewpoint import read_viewpoint
+from .cycles import render_reference, samples_setting, scene_depsgraph
+from .metrics import to_srgb
+from .picture import render_picture
+from .report import MAGNIFICATION, picture_figures, write_report
+
+
+def compare(
+    scene: bpy.types.Scene,
+    folder: Path | str,
+    *,
+    samples: int | None = None,
+    surface: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> dict:
+    """Render the current frame as F12 would and with real glass in Cycles, and write a report.
+
+    Parameters
+    ----------
+    folder : for ``report.json``, ``report.md`` and the pictures; made if need be.
+    samples : per pixel, of both pictures; by default the scene's own number.
+    surface : "GLASS" or "REFRACTION", of the real glass; by default the scene's setting.
+    progress : called with the part done, from 0 to 1.
+
+    Returns
+    -------
+    dict : what ``report.json`` holds; a PSNR is infinite there for equal pictures.
+
+    Raises
+    ------
+    RefractiveGlassError
+        No camera, no glass, or one that cannot be computed.
+    RuntimeError
+        A render was cancelled.
+    OSError
+        The folder cannot be written.
+    """
+    report_progress = progress or (lambda share: None)
+    surface = surface or scene.refractive_glass.surface
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    depsgraph = scene_depsgraph(scene)
+    read_viewpoint(scene, depsgraph)
+    if not read_glasses(depsgraph):
+        raise RefractiveGlassError(
+            f'Scene "{scene.name}" has no refractive glass: add one (Add > Mesh > Refractive Glass)'
+        )
+
+    report_progress(0.0)
+    with _samples(scene, samples):
+        composite_samples = getattr(*samples_setting(scene))
+        composite, seconds_composite = _timed(render_picture, scene)
+    report_progress(1 / 3)
+    references = []
+    seconds = []
+    # The scene's own seed, so that noise common to both pictures cancels, and another one.
+    for seed in (scene.cycles.seed, scene.cycles.seed + 1):
+        picture, duration = _timed(
+            render_reference, scene, samples=composite_samples, seed=seed, surface=surface
+        )
+        references.append(to_srgb(picture))
+        seconds.append(duration)
+        report_progress((1 + len(references)) / 3)
+
+    composite = to_srgb(composite)
+    # The renders may have evaluated the scene anew.
+    masks = _masks(scene, scene_depsgraph(scene), composite.shape[:2])
+    figures = picture_figures(composite, *references, masks)
+    found = status(scene)
+    report = {
+        "scene": scene.name,
+        "frame": scene.frame_current,
+        "resolution": [composite.shape[1], composite.shape[0]],
+        **figures.pop("picture"),
+        "inside": figures.pop("inside", None),
+        "outside": figures.pop("outside", None),
+        "regions": {name.removeprefix("path "): values for name, values in figures.items()},
+        "seconds_composite": seconds_composite,
+        "seconds_reference": seconds[0],
+        "composite_samples": composite_samples,
+        "reference_samples": composite_samples,
+        "vertices": found.vertices,
+        "paths": list(found.paths),
+        "problems": list(found.problems),
+        "engine": scene.render.engine,
+        "shading": effective_shading(scene),
+        "surface": surface,
+        "magnification": MAGNIFICATION,
+        "blender_version": bpy.app.version_string,
+    }
+    write_report(folder, report, composite, references[0])
+    return report
+
+
+def _timed(function: Callable, *args: object, **kwargs: object) -> tuple[np.ndarray, float]:
+    """The result and the wall time in seconds."""
+    started = time.perf_counter()
+    result = function(*args, **kwargs)
+    return result, time.perf_counter() - started
+
+
+@contextmanager
+def _samples(scene: bpy.types.Scene, samples: int | None) -> Iterator[None]:
+    """Let the scene render with so many samples a pixel; None: with its own number."""
+    settings, name = samples_setting(scene)
+    kept = getattr(settings, name)
+    try:
+        if samples is not None:
+            setattr(settings, name, samples)
+        yield
+    finally:
+        setattr(settings, name, kept)
+
+
+def _masks(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, shape: tuple[int, int]
+) -> dict[str, np.ndarray]:
+    """Masks (H, W) of the picture's parts, cut to the render border.
+
+    ``picture`` is all of it, ``inside`` what any glass covers, ``outside`` the rest, and
+    ``path TTTT`` (and so on) a light path's region.
+    """
+    regions = region_masks(scene, depsgraph)
+    outside = regions.pop("")
+    masks = {"picture": np.ones_like(outside), "inside": ~outside, "outside": outside}
+    masks |= {f"path {events}": mask for events, mask in regions.items()}
+    render = scene.render
+    if render.use_border:
+        height, width = outside.shape
+        rows = slice(int(render.border_min_y * height), int(render.border_max_y * height))
+        columns = slice(int(render.border_min_x * width), int(render.border_max_x * width))
+        rendered = np.zeros_like(outside)
+        rendered[rows, columns] = True
+        masks = {name: mask & rendered for name, mask in masks.items()}
+        if render.use_crop_to_border:
+            masks = {name: mask[rows, columns] for name, mask in masks.items()}
+    if masks["picture"].shape != shape:
+        raise RuntimeError(f"the render is of {shape} pixels, not {masks['picture'].shape}")
+    return masks
