@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .coaxial import Passage, frame_of
 from .flat import FlatPassage
 from .glasses import FlatGlass, Glass
 from .images import ApparentPoints
 from .paths import LightPath, ParallelView, as_eye, as_path, branches
+from .sheets import Curves, Leg, Placing, rank_of
 from .solver import in_blocks, newton
 from .tracing import inside_outline
 
@@ -132,11 +133,119 @@ def _coaxial_slots(glass, eye, branch, stretch, points, tolerance, guess):
     candidates = passage.candidates(points)
     if not candidates.any() or passage.domain.zeta_max <= 0.0:
         return [], 0
-    x, y, z = passage.targets(points)
-    unknowns = passage.start(x, y, z)
-    (ell, zeta), steps = newton(passage, unknowns, [x, y, z], small=1e-7, most=12)
-    image, along = passage.image(ell, zeta, x, y, z, points, 0)
-    valid = candidates & (steps <= 12) & (image.residual <= 1e-8 * image.distance)
-    return [
-        (stretch, image.direction, image.distance, image.position, valid, image.residual)
-    ], int(steps.max(initial=0))
+    zeta = passage.frame.zeta
+    if zeta is not None and abs(zeta) >= passage.domain.zeta_max:  # a parallel view
+        return [], 0
+    cells = 1 if passage.single() else CELLS
+    targets = passage.targets(points)
+    sheets: dict[tuple, list[NDArray]] = {}
+    blocks: list[tuple[slice, list[Placing]]] = []
+    found: list[tuple[slice, list]] = []
+
+    def search(block: slice) -> None:
+        part = [target[block] for target in targets]
+        legs = [Leg(Curves(passage, side, *part), cells) for side in passage.sides]
+        found.append((block, _sorted_roots(passage, legs, candidates[block])))
+        blocks.append((block, [Placing(leg) for leg in legs]))
+
+    in_blocks(search, len(points))
+    total = len(points)
+    for block, roots in found:
+        for key, index, ell, zeta, side in roots:
+            if key not in sheets:
+                sheets[key] = [np.zeros(total), np.zeros(total), np.ones(total), np.zeros(total)]
+            sheet = sheets[key]
+            index = block.start + index
+            sheet[0][index], sheet[1][index], sheet[2][index] = ell, zeta, side
+            sheet[3][index] = 1.0
+    keys = sorted(key for key, sheet in sheets.items() if (sheet[3] * candidates).any())
+    slots = []
+    for key in keys:
+        ell, zeta, side, has = sheets[key]
+        has = has > 0.0
+        first = sheets.get((key[0], 0, *key[2:]))
+        if key[1] and first is not None:
+            # In front of a cusp the sheets round it are one: continue on the first.
+            missing = ~has & (first[3] > 0.0)
+        else:
+            missing = np.zeros(total, dtype=bool)
+        for block, placings in blocks:
+            lost = np.flatnonzero(~has[block])
+            if len(lost):
+                _place(key, block, placings, lost, ell, zeta, side)
+        if missing.any():
+            for mine, other in zip((ell, zeta, side), first, strict=False):
+                mine[missing] = other[missing]
+        image, _ = passage.image(ell, zeta, *targets, points, side)
+        # No ray is tilted enough for targets too high; they were left at the edge of the domain.
+        valid = has & candidates & passage.taken(ell, zeta)
+        valid &= image.residual <= MISS * (image.distance + passage.frame.scale)
+        extent = getattr(glass, "extent", None)
+        if extent is not None:
+            low = 0.0 if passage.frame.eye is None else passage.frame.eye[2]
+            low, high = (end / passage.frame.scale - low for end in extent)
+            for level in passage.crossings(ell, zeta, *targets):
+                valid &= (level >= low) & (level <= high)
+        slots.append(
+            (stretch, image.direction, image.distance, image.position, valid, image.residual)
+        )
+    return slots, 0
+
+
+MISS = 1e-9
+"""Residual in parts of the distance beyond which a ray does not count as passing a point."""
+
+CELLS = 24
+"""Cells along a curve that may meet caustics."""
+
+
+def _sorted_roots(passage, legs, candidates):
+    """Images of a block, by sheet: (key, indices, ℓ, ζ, side)."""
+    found = []
+    taken: dict[tuple, NDArray] = {}
+    for leg in legs:
+        roots = leg.roots()
+        side = leg.curves.side
+        ell, zeta = leg.curves.take(roots.index).invariants(
+            roots.tau, roots.tangent, roots.mirror
+        )
+        upright = roots.rising == (passage.orientation(side) > 0)
+        ranks = rank_of(roots.piece, roots.mirror)
+        keys = np.stack([upright, ranks, roots.winding], axis=-1).astype(int)
+        for key in np.unique(keys, axis=0):
+            which = np.flatnonzero((keys == key).all(axis=-1))
+            index = roots.index[which]
+            key = tuple(int(part) for part in key)
+            used = taken.setdefault(key, np.zeros(len(candidates), dtype=bool))
+            # Both legs may hold an image of one sheet: the second gets a slot of its own.
+            again = used[index]
+            used[index] = True
+            for mask, copy in ((~again, 0), (again, 1)):
+                if mask.any():
+                    part = which[mask]
+                    found.append(
+                        (
+                            (*key, copy),
+                            roots.index[part],
+                            ell[part],
+                            zeta[part],
+                            np.full(len(part), float(side)),
+                        )
+                    )
+    return found
+
+
+def _place(key, block, placings, lost, ell, zeta, side):
+    """Put targets without an image at the nearest edge of the sheet."""
+    upright, rank, winding, _ = key
+    best = np.full(len(lost), np.inf)
+    for placing in placings:
+        at_ell, at_zeta, gap = placing.nearest(bool(upright), rank, winding, lost)
+        closer = gap < best
+        index = block.start + lost[closer]
+        ell[index], zeta[index], side[index] = (
+            at_ell[closer],
+            at_zeta[closer],
+            placing.curves.side,
+        )
+        best = np.where(closer, gap, best)

@@ -168,6 +168,7 @@ class Passage:
         media = glass.media
         radii = [radius / frame.scale for radius in glass.radius]
         self.frame = frame
+        self.media, self.radii = media, radii
         self.branch = branch
         self.number = stretch
         self.stretch = branch.stretches[stretch]
@@ -197,28 +198,44 @@ class Passage:
         )
         self.terms = self.walls + ((self.eye_term,) if self.eye_term else ())
         self.iors = tuple(sorted({term.ior for term in self.terms} | {self.ior, self.eye_ior}))
+        least = min((self.ior, *(term.ior for term in self.terms)))
+        self.zeta_max = least
+        limits = {(term.ior * term.ior, term.radius * term.radius) for term in self.terms}
+        if not limits:
+            limits = {(self.ior * self.ior, 1.0)}
+        self.limits = _extremal(limits, least, min)
 
     # ---- limits -------------------------------------------------------------------------
 
-    def upper(self, zeta2, radius2=None):
-        """Squared upper limit of |ℓ|; with the eye's radius, and a target's if it is given."""
-        limits = list(self.domain.upper)
-        if self.eye_term is not None and self.eye_term.radius < 1.0:
-            limits.append((self.eye_ior**2, self.eye_term.radius**2))
-        least = None
-        for n2, r2 in limits:
-            value = (n2 - zeta2) * r2
-            least = value if least is None else np.minimum(least, value)
-        if radius2 is not None:
-            least = np.minimum(least, (self.ior**2 - zeta2) * radius2)
-        return least
+    def upper_limit(self, zeta2, target_radius2=None):
+        """Squared upper limit of |ℓ| so far, and the squared radius that sets it.
 
-    def lower(self, zeta2):
-        """Squared lower limit of |ℓ|, 0 where every ray close to the axis takes the branch."""
-        greatest = np.zeros_like(zeta2)
+        The eye's radius limits ℓ too, and so does a target's, if it is given. What the path does
+        after this stretch is no matter here, so that positions go on smoothly beyond the rays
+        that take the whole path.
+        """
+        least = at = None
+        for n2, r2 in self.limits if target_radius2 is None else (
+            *self.limits,
+            (self.ior * self.ior, target_radius2),
+        ):
+            value = (n2 - zeta2) * r2
+            if least is None:
+                least, at = value, np.broadcast_to(r2, zeta2.shape)
+            else:
+                at = np.where(value < least, r2, at)
+                least = np.minimum(value, least)
+        return least, at
+
+    def taken(self, ell, zeta) -> NDArray[np.bool_]:
+        """Which rays take the whole branch."""
+        ell2, zeta2 = ell * ell, zeta * zeta
+        inside = zeta2 < self.domain.zeta_max**2
+        for n2, r2 in self.domain.upper:
+            inside &= ell2 < (n2 - zeta2) * r2
         for n2, r2 in self.domain.lower:
-            greatest = np.maximum(greatest, (n2 - zeta2) * r2)
-        return greatest
+            inside &= ell2 >= (n2 - zeta2) * r2
+        return inside
 
     # ---- rays ---------------------------------------------------------------------------
 
@@ -309,10 +326,10 @@ class Passage:
 
     def into_domain(self, ell, zeta, part):
         """The nearest invariants within `part` of the domain."""
-        end = part * self.domain.zeta_max
+        end = part * self.zeta_max
         if self.frame.zeta is None:
             zeta = np.clip(zeta, -end, end)
-        bound = part * np.sqrt(np.maximum(self.upper(zeta * zeta), 0.0))
+        bound = part * np.sqrt(np.maximum(self.upper_limit(zeta * zeta)[0], 0.0))
         return np.clip(ell, -bound, bound), zeta
 
     def step(self, ell, zeta, x, y, z):
@@ -351,16 +368,89 @@ class Passage:
         radial = np.sqrt(np.maximum(p2 * radius2 - new_ell * new_ell, 1e-12 * p2 * radius2))
         return turned + np.abs(new_ell - ell) / radial
 
+    def orientation(self, side: int) -> int:
+        """Sign of dF/dℓ on a leg for images that no caustic has turned over."""
+        return self.eye_side * side
+
+    def single(self) -> bool:
+        """Whether every target has at most one image here, whatever its place.
+
+        ∂ψ/∂ℓ at fixed ζ is Σ c/√(k² − ℓ²), k = P·r; its Taylor coefficients in ℓ² are positive
+        multiples of Σ c / k^(2m+1). If these have one sign for all m and all ζ, no caustic
+        exists in the plane problem, hence none at all: the plane path is a strict minimum (or
+        maximum) of the optical length, which makes the height a monotone function of ζ. With
+        less than a half turn on either side, no circle is met twice.
+        """
+        tilt = (np.linspace(0.0, 0.999, 9) * self.zeta_max) ** 2
+        if self.frame.zeta is not None:
+            tilt = np.array([self.frame.zeta**2])
+        least = self.upper_limit(tilt)[0]
+        exponents = 2.0 * MOMENTS + 1.0
+        fixed = self._moments(self.terms, tilt, least, exponents)
+        for side in self.sides:
+            ends = []
+            for radius in (self.inner, self.outer):
+                target = Term(self.ior, radius, -side)
+                if radius == math.inf:
+                    ends.append(0.0)
+                elif ((self.ior * self.ior - tilt) * radius**2 < least).any():
+                    ends.append(-side * np.inf)  # the target itself is the limit there
+                else:
+                    ends.append(self._moments((target,), tilt, least, exponents))
+            if not any((sign * (fixed + end) >= -1e-12).all() for sign in (-1, 1) for end in [
+                ends[1] if sign == -side else ends[0]
+            ]):
+                return False
+        return True
+
+    @staticmethod
+    def _moments(terms, tilt, least, exponents):
+        total = 0.0
+        for term in terms:
+            room = (term.ior * term.ior - tilt) * term.radius**2
+            ratio = np.sqrt(least / room)
+            total = total + term.count * ratio[:, None] ** exponents
+        return total
+
+    def crossings(self, ell, zeta, x, y, z):
+        """z of every meeting on the whole path, in outer radii from the eye's height.
+
+        In a parallel view from the frame's origin.
+        """
+        frame = self.frame
+        ell2, zeta2 = ell * ell, zeta * zeta
+
+        def way(ior, radius):
+            p2 = ior * ior - zeta2
+            return zeta * np.sqrt(np.maximum(p2 * (radius * radius) - ell2, 0.0)) / p2
+
+        if frame.eye is None:
+            line = self.follow(ell, zeta, slopes=False)
+            along, _, _, p = line.misses(x, y, z)
+            level = z - line.height - zeta * along / p
+        else:
+            level = -self.eye_side * way(self.eye_ior, frame.eye_radius)
+        for number, interface in enumerate(self.branch.interfaces):
+            before, after = self.branch.stretches[number : number + 2]
+            radius = self.radii[interface]
+            level = level - before.leaves * way(self.media[before.medium], radius)
+            yield level
+            level = level + after.enters * way(self.media[after.medium], radius)
+
     # ---- images -------------------------------------------------------------------------
 
-    def image(self, ell, zeta, x, y, z, points, leg) -> tuple[Image, Floats]:
+    def image(self, ell, zeta, x, y, z, points, side=None) -> tuple[Image, Floats]:
         """What the eye sees along rays (ℓ, ζ); also how far behind the foot the target lies.
 
-        `leg` tells on which side of the foot to stay (−1, 0 for either, 1).
+        With `side` (±1) the image lies where the ray meets the target's radius before or after
+        the foot, which is the target itself for rays that pass it.
         """
         frame = self.frame
         line = self.follow(ell, zeta, slopes=False)
         along, across, rise, p = line.misses(x, y, z)
+        if side is not None:
+            off = ell / p
+            along = side * np.sqrt(np.maximum(x * x + y * y - off * off, 0.0))
         if frame.zeta is not None:
             rise = 0.0  # the ray's height is free in a parallel view, and no matter in a sphere
         residual = np.sqrt(across * across + (rise * p / self.ior) ** 2)
@@ -406,6 +496,9 @@ class Passage:
         unit = across / np.where(lost, 1.0, size)[:, None]
         return np.where(lost[:, None], other, unit)
 
+
+MOMENTS = np.unique(np.concatenate([np.arange(9), np.geomspace(9, 1e8, 64).round()]))
+"""Orders at which `Passage.single` looks; thin walls need high ones."""
 
 NEARLY = 1e-12
 """Relative width within which a point counts as on an interface."""

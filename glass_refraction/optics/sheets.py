@@ -1,0 +1,426 @@
+"""All images of points in one coaxial passage, separated into sheets.
+
+For a target at radius r, height z and azimuth φ, the rays that reach *some* point of its circle
+(same r and z) on one leg of the passage form a curve: ζ follows from ℓ, and the azimuth F at which
+the ray meets the circle is a function of one parameter τ. F is odd in ℓ, so only ℓ ≥ 0 is looked
+at, with ℓ = upper · sin τ up to the limit of the domain, which takes the square-root end out. Every solution of F = ±φ (mod 2π) is an image, and F turns round exactly
+where the curve meets a caustic. Its monotone *pieces* are the sheets: at most one image each, found
+by a bracket that cannot lose it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .coaxial import Passage
+
+Floats = NDArray[np.float64]
+
+HALF_TURN = np.pi
+EDGE = 0.5 * np.pi
+"""τ at the edge of the domain."""
+
+NEAR_EDGE = EDGE - 1e-5
+"""Where the slope of F at the edge is looked at: at the edge itself it is 0 / 0."""
+
+
+@dataclass
+class State:
+    """A curve at τ and ζ: azimuth F, height Z, and their derivatives by τ and ζ."""
+
+    ell: Floats
+    turn: Floats
+    height: Floats
+    turn_tau: Floats
+    turn_zeta: Floats
+    height_tau: Floats
+    height_zeta: Floats
+
+    def slope(self, free: bool) -> Floats:
+        """dF/dτ along the curve (at the target's height where ζ is free)."""
+        if not free:
+            return self.turn_tau
+        height_zeta = np.where(np.abs(self.height_zeta) > FLOOR, self.height_zeta, FLOOR)
+        return self.turn_tau - self.turn_zeta * self.height_tau / height_zeta
+
+
+class Curves:
+    """The curves of n targets on one leg (`side` −1: before the foot, 1: after) of a passage."""
+
+    def __init__(self, passage: Passage, side: int, x: Floats, y: Floats, z: Floats) -> None:
+        self.passage, self.side = passage, side
+        self.radius = np.hypot(x, y)
+        self.height = np.abs(z)
+        self.sign = np.where(z < 0.0, -1.0, 1.0)
+        centre = (passage.turn + (side < 0)) % 2 * HALF_TURN
+        azimuth = np.arctan2(y, x) if centre == 0.0 else np.arctan2(-y, -x)
+        self.azimuth = azimuth
+        self.free = passage.frame.zeta is None
+        self.known = None if self.free else abs(passage.frame.zeta)
+        self.zeta_max = passage.zeta_max
+
+    def take(self, which) -> Curves:
+        part = object.__new__(Curves)
+        part.__dict__.update(self.__dict__)
+        part.radius, part.height = self.radius[which], self.height[which]
+        part.sign, part.azimuth = self.sign[which], self.azimuth[which]
+        return part
+
+    def zeta(self, tangent: Floats) -> Floats:
+        """ζ ≥ 0 from its unbounded parameter."""
+        if not self.free:
+            return np.full(len(self.radius), self.known)
+        return self.zeta_max * tangent / np.sqrt(1.0 + tangent * tangent)
+
+    def state(self, tau: Floats, tangent: Floats) -> State:
+        """F, Z and derivatives; τ (n,) or a number."""
+        passage = self.passage
+        zeta = self.zeta(tangent)
+        zeta2 = zeta * zeta
+        r2 = self.radius * self.radius
+        upper2, upper_r2 = passage.upper_limit(zeta2, r2)
+        upper2 = np.maximum(upper2, 0.0)
+        upper = np.sqrt(upper2)
+        sine, half = np.sin(tau), np.sin(0.5 * (EDGE - tau))
+        gap = upper * 2.0 * half * half  # upper − ℓ without cancellation
+        ell = upper * sine
+        ell_tau = upper * np.cos(tau)
+        safe_upper = np.where(upper > 0.0, upper, 1.0)
+        ell_zeta = -zeta * upper_r2 / safe_upper * sine
+        below = gap * (upper + ell)  # upper² − ℓ²
+        turn = way = turn_ell = bend = height_zeta = 0.0
+        ell2 = ell * ell
+        for ior, radius2, count in (
+            *((t.ior, t.radius * t.radius, t.count) for t in passage.terms),
+            (passage.ior, r2, -self.side),
+        ):
+            p2 = ior * ior - zeta2
+            w = np.sqrt(np.maximum(p2 * radius2 - upper2, 0.0) + below)
+            inverse = count / np.maximum(w, FLOOR)
+            turn = turn + count * np.arctan2(ell, w)
+            part = count * w / p2
+            spread = inverse / p2
+            way = way - part
+            turn_ell = turn_ell + inverse
+            bend = bend + spread
+            height_zeta = height_zeta - (part * (ior * ior) - zeta2 * ell2 * spread) / p2
+        turn_zeta = ell * zeta * bend
+        return State(
+            ell,
+            turn,
+            zeta * way,
+            turn_ell * ell_tau,
+            turn_zeta + turn_ell * ell_zeta,
+            turn_zeta * ell_tau,
+            height_zeta + turn_zeta * ell_zeta,
+        )
+
+    def invariants(self, tau: Floats, tangent: Floats, mirror: Floats) -> tuple[Floats, Floats]:
+        """ℓ and ζ with their signs."""
+        sign = self.sign if self.free else np.sign(self.passage.frame.zeta)
+        return mirror * self.state(tau, tangent).ell, sign * self.zeta(tangent)
+
+    def start(self, tau: Floats) -> Floats:
+        """A first tangent: as if ways across the axis did not depend on ζ."""
+        zero = np.zeros(len(self.radius))
+        if not self.free:
+            return zero
+        here = self.state(tau, zero)
+        return self.height / np.maximum(here.height_zeta * self.zeta_max, FLOOR)
+
+    def climb(self, tau: Floats, tangent: Floats, small: float, most: int) -> tuple[Floats, State]:
+        """The tangent at which rays with this τ reach the target's height.
+
+        Newton's steps, halved back into a bracket; the height grows with ζ along τ.
+        """
+        state = self.state(tau, tangent)
+        if not self.free:
+            return tangent, state
+        low = np.zeros(len(tangent))
+        high = np.full(len(tangent), np.inf)
+        for _ in range(most):
+            miss = state.height - self.height
+            low = np.where(miss < 0.0, np.maximum(low, tangent), low)
+            high = np.where(miss > 0.0, np.minimum(high, tangent), high)
+            root = np.sqrt(1.0 + tangent * tangent)
+            slope = state.height_zeta * self.zeta_max / (root * root * root)
+            new = tangent - miss / np.where(np.abs(slope) > FLOOR, slope, FLOOR)
+            outside = ~((new >= low) & (new <= high))
+            middle = np.where(np.isfinite(high), 0.5 * (low + high), 2.0 * low + 1.0)
+            new = np.minimum(np.where(outside, middle, new), STEEP)
+            change = np.abs(new - tangent) > small * (1.0 + tangent)
+            tangent = np.where(change, new, tangent)
+            state = self.state(tau, tangent)
+            if not change.any():
+                break
+        return tangent, state
+
+
+@dataclass
+class Roots:
+    """Images found: which target, its sheet (`key`), and τ and tangent, with the side of ℓ."""
+
+    index: NDArray[np.intp]
+    tau: Floats
+    tangent: Floats
+    mirror: Floats  # ±1, the sign of ℓ
+    piece: NDArray[np.intp]
+    rising: NDArray[np.bool_]
+    winding: NDArray[np.intp]
+
+
+class Leg:
+    """Curves cut into monotone pieces, and the images on them."""
+
+    def __init__(self, curves: Curves, cells: int) -> None:
+        self.curves = curves
+        count = len(curves.radius)
+        taus = np.linspace(0.0, EDGE, cells + 1)
+        tangent = curves.start(np.zeros(count))
+        rows = cells + 1
+        self.turn = np.empty((rows, count))
+        self.tangent = np.empty((rows, count))
+        slope = np.empty((rows + 1, count))
+        self.steps = 0
+        for row, tau in enumerate(taus):
+            tau = np.full(count, tau)
+            tangent, state = curves.climb(tau, tangent, 1e-7, 12 if row == 0 else 8)
+            self.turn[row], self.tangent[row] = state.turn, tangent
+            if row < cells:
+                slope[row] = state.slope(curves.free)
+        near, state = curves.climb(np.full(count, NEAR_EDGE), tangent, 1e-9, 8)
+        slope[cells] = state.slope(curves.free)
+        slope[rows] = slope[cells]
+        # Rows: the cells' ends, with one more just before the edge.
+        self.taus = np.append(taus, EDGE)
+        self.taus[cells] = NEAR_EDGE
+        self.turn = np.vstack([self.turn, self.turn[-1]])
+        self.tangent = np.vstack([self.tangent, self.tangent[-1]])
+        self.turn[cells], self.tangent[cells] = state.turn, near
+        self._cut(slope)
+
+    def _cut(self, slope: Floats) -> None:
+        """Find where F turns round; sort the monotone parts of all cells into flat arrays."""
+        rising = slope > 0.0
+        turns = rising[:-1] != rising[1:]
+        cell, index = np.nonzero(turns)
+        tau, tangent, turn = self._turning(cell, index, slope)
+        piece = np.vstack([np.zeros(turns.shape[1], dtype=int), np.cumsum(turns, axis=0)])
+        whole_cell, whole_index = np.nonzero(~turns)
+
+        def flat(values, rows, columns):
+            return values[rows, columns]
+
+        self.index = np.concatenate([whole_index, index, index])
+        self.tau_low = np.concatenate([self.taus[whole_cell], self.taus[cell], tau])
+        self.tau_high = np.concatenate([self.taus[whole_cell + 1], tau, self.taus[cell + 1]])
+        self.turn_low = np.concatenate(
+            [flat(self.turn, whole_cell, whole_index), flat(self.turn, cell, index), turn]
+        )
+        self.turn_high = np.concatenate(
+            [
+                flat(self.turn, whole_cell + 1, whole_index),
+                turn,
+                flat(self.turn, cell + 1, index),
+            ]
+        )
+        self.tangent_low = np.concatenate(
+            [flat(self.tangent, whole_cell, whole_index), flat(self.tangent, cell, index), tangent]
+        )
+        self.piece = np.concatenate(
+            [
+                flat(piece, whole_cell, whole_index),
+                flat(piece, cell, index),
+                flat(piece, cell + 1, index),
+            ]
+        )
+        self.rising = np.concatenate(
+            [
+                flat(rising, whole_cell, whole_index),
+                flat(rising, cell, index),
+                flat(rising, cell + 1, index),
+            ]
+        )
+        self.last_piece = piece[-1]
+        self.rising_first = rising[0]
+        self.flattest = np.argmin(np.abs(slope[:-1]), axis=0)
+        # Turning points as a table: row p holds the end of piece p.
+        most = int(turns.sum(axis=0).max(initial=0))
+        self.ends_tau = np.full((most + 1, turns.shape[1]), EDGE)
+        self.ends_turn = np.repeat(self.turn[-1:], most + 1, axis=0)
+        self.ends_tangent = np.repeat(self.tangent[-1:], most + 1, axis=0)
+        row = piece[cell, index]
+        self.ends_tau[row, index] = tau
+        self.ends_turn[row, index] = turn
+        self.ends_tangent[row, index] = tangent
+
+    def _turning(self, cell, index, slope):
+        """τ, tangent and F where the slope of F changes its sign within a cell."""
+        curves = self.curves.take(index)
+        low, high = self.taus[cell], self.taus[cell + 1]
+        slope_low, slope_high = slope[cell, index], slope[cell + 1, index]
+        tangent = self.tangent[cell, index]
+        tau, turn = low, self.turn[cell, index]
+        for _ in range(60 if len(index) else 0):
+            # Illinois: a secant that halves the weight of an end that stays.
+            tau = (low * slope_high - high * slope_low) / (slope_high - slope_low)
+            tau = np.where((tau > low) & (tau < high), tau, 0.5 * (low + high))
+            tangent, state = curves.climb(tau, tangent, 1e-12, 6)
+            turn, here = state.turn, state.slope(curves.free)
+            left = (here > 0.0) == (slope_low > 0.0)
+            low = np.where(left, tau, low)
+            high = np.where(left, high, tau)
+            slope_high = np.where(left, 0.5 * slope_high, here)
+            slope_low = np.where(left, here, 0.5 * slope_low)
+            if (np.minimum(high - low, np.abs(here)) < 1e-10).all():
+                break
+        return tau, tangent, turn
+
+    def roots(self) -> Roots:
+        """All images of all targets on this leg."""
+        azimuth = self.curves.azimuth[self.index]
+        top = np.maximum(self.turn_low, self.turn_high)
+        bottom = np.minimum(self.turn_low, self.turn_high)
+        at_start = self.tau_low == 0.0
+        at_end = self.tau_high == EDGE
+        found = []
+        reach = max(top.max(initial=0.0), -bottom.min(initial=0.0))
+        most = int(np.ceil((reach + HALF_TURN) / (2.0 * HALF_TURN)))
+        for winding in range(-most, most + 1):
+            for mirror in (1.0, -1.0):
+                wanted = mirror * (azimuth + 2.0 * HALF_TURN * winding)
+                # Begins belong to a part, ends do not; ℓ = 0 belongs to one side only, and the
+                # edge of the domain to the last part, with what rounding does to it.
+                low, high = self.turn_low, self.turn_high
+                inside = ((wanted - low) * (wanted - high) < 0.0) | (wanted == low)
+                if mirror < 0.0:
+                    inside &= ~(at_start & (wanted == low))
+                inside |= at_end & (np.abs(wanted - high) < 4e-15)
+                which = np.flatnonzero(inside)
+                if len(which):
+                    found.append((which, wanted[which], mirror, winding))
+        if not found:
+            nothing = np.zeros(0)
+            none = np.zeros(0, dtype=np.intp)
+            return Roots(none, nothing, nothing, nothing, none, none > 0, none)
+        which = np.concatenate([part[0] for part in found])
+        wanted = np.concatenate([part[1] for part in found])
+        mirror = np.concatenate([np.full(len(part[0]), part[2]) for part in found])
+        winding = np.concatenate([np.full(len(part[0]), part[3]) for part in found])
+        index = self.index[which]
+        tau, tangent = self._solve(which, wanted)
+        return Roots(
+            index, tau, tangent, mirror, self.piece[which], self.rising[which], winding
+        )
+
+    def _solve(self, which, wanted):
+        """Newton's steps in τ and ζ together, held in the bracket of a monotone part."""
+        curves = self.curves.take(self.index[which])
+        low, high = self.tau_low[which].copy(), self.tau_high[which].copy()
+        first, last = self.turn_low[which], self.turn_high[which]
+        rising = last > first
+        share = (wanted - first) / np.where(last == first, 1.0, last - first)
+        tau = low + np.clip(share, 0.0, 1.0) * (high - low)
+        tangent = self.tangent_low[which].copy()
+        index = np.arange(len(tau))
+        result_tau, result_tangent = tau.copy(), tangent.copy()
+        here = [curves, low, high, rising, wanted, tau, tangent]
+        for number in range(1, 101):
+            curves, low, high, rising, wanted, tau, tangent = here
+            state = curves.state(tau, tangent)
+            miss = state.turn - wanted
+            new_tangent, sure = tangent, True
+            if curves.free:
+                root = np.sqrt(1.0 + tangent * tangent)
+                stretch = curves.zeta_max / (root * root * root)
+                off = state.height - curves.height
+                slope = state.height_zeta
+                slope = np.where(np.abs(slope) > FLOOR, slope, FLOOR)
+                # Azimuth where this τ reaches the target's height, to first order.
+                correction = state.turn_zeta * off / slope
+                # Far from the curve the correction may lie; then it must not move the bracket.
+                sure = np.abs(correction) <= np.maximum(0.3 * np.abs(miss), 1e-6)
+                miss = miss - correction
+            along = state.slope(curves.free)
+            ahead = (miss < 0.0) == rising
+            low = np.where(sure & ahead, tau, low)
+            high = np.where(sure & ~ahead, tau, high)
+            new = tau - miss / np.where(np.abs(along) > FLOOR, along, FLOOR)
+            new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
+            change = np.abs(new - tau)
+            if curves.free:
+                move = -(off + state.height_tau * (new - tau)) / slope / stretch
+                new_tangent = tangent + move
+                # A step this wild comes from a bracket far too wide: keep the tilt's sign.
+                new_tangent = np.where(new_tangent < 0.0, 0.5 * tangent, new_tangent)
+                new_tangent = np.minimum(new_tangent, np.minimum(4.0 * tangent + 1e3, STEEP))
+                change = np.maximum(change, np.abs(new_tangent - tangent) / (1.0 + tangent**2))
+            result_tau[index], result_tangent[index] = new, new_tangent
+            moving = change > 1e-14
+            self.steps = max(self.steps, number)
+            if not moving.any():
+                break
+            index = index[moving]
+            here = [
+                curves.take(moving),
+                *(part[moving] for part in (low, high, rising, wanted, new, new_tangent)),
+            ]
+        return result_tau, result_tangent
+
+
+class Placing:
+    """What stays of a leg for vertices without an image: the ends of the pieces."""
+
+    def __init__(self, leg: Leg) -> None:
+        columns = np.arange(len(leg.curves.radius))
+        self.curves = leg.curves
+        self.last_piece = leg.last_piece
+        self.rising_first = leg.rising_first
+        self.ends_tau, self.ends_turn = leg.ends_tau, leg.ends_turn
+        self.ends_tangent = leg.ends_tangent
+        self.flat_tau = leg.taus[leg.flattest]
+        self.flat_tangent = leg.tangent[leg.flattest, columns]
+
+    def nearest(self, upright: bool, rank: int, winding: int, index) -> tuple[Floats, ...]:
+        """The edge of a sheet nearest to targets `index`: ℓ, ζ, and the gap in azimuth.
+
+        Where the target's curve has no such piece, the flattest place of the curve: the sheet
+        begins there, at a cusp.
+        """
+        curves = self.curves.take(index)
+        orient = curves.passage.orientation(curves.side)
+        wanted = curves.azimuth + 2.0 * HALF_TURN * winding
+        same = (self.rising_first[index] == (orient > 0)) == upright
+        odd = ~same
+        piece = np.where(odd, 2 * (rank // 2) + 1, 2 * ((rank + 1) // 2))
+        mirror = np.where(odd == (rank % 2 == 1), 1.0, -1.0)
+        missing = piece > self.last_piece[index]
+        row = np.clip(piece, 0, len(self.ends_tau) - 1)
+        end_turn = self.ends_turn[row, index]
+        # The piece through ℓ = 0 ends on both sides alike.
+        mirror = np.where(piece == 0, np.where(wanted * end_turn < 0.0, -1.0, 1.0), mirror)
+        wanted = mirror * wanted
+        before = np.maximum(row - 1, 0)
+        begin_turn = self.ends_turn[before, index]
+        first = (piece > 0) & (np.abs(wanted - begin_turn) < np.abs(wanted - end_turn))
+        row = np.where(first, before, row)
+        tau, tangent = self.ends_tau[row, index], self.ends_tangent[row, index]
+        gap = np.abs(wanted - np.where(first, begin_turn, end_turn))
+        tau = np.where(missing, self.flat_tau[index], tau)
+        tangent = np.where(missing, self.flat_tangent[index], tangent)
+        gap = np.where(missing, 4.0 * HALF_TURN + gap, gap)
+        ell, zeta = curves.invariants(tau, tangent, mirror)
+        return ell, zeta, gap
+
+
+def rank_of(piece, mirror):
+    """Number of a piece among those of its orientation: the middle one, then left, right, …"""
+    return np.where(piece > 0, piece - 1 + (mirror > 0.0), 0)
+
+
+FLOOR = 1e-130
+STEEP = 1e6
+"""Largest tangent of the tilt: beyond it a ray runs along the axis."""
