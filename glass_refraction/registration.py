@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from . import handlers
-from .ui import menus, operators, panels, properties
+from .ui import command, menus, operators, panels, properties
 
-_PARTS = (properties, operators, panels, menus, handlers)
+_PARTS = (properties, operators, panels, menus, command, handlers)
 
 
 def register() -> None:
