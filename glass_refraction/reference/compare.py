@@ -80,7 +80,7 @@ def compare(
 
     composite = to_srgb(composite)
     # The renders may have evaluated the scene anew.
-    masks = _masks(scene, scene_depsgraph(scene), composite.shape[:2])
+    masks = _masks(scene, scene_depsgraph(scene), surface, composite.shape[:2])
     figures = picture_figures(composite, *references, masks)
     found = status(scene)
     report = {
@@ -129,15 +129,17 @@ def _samples(scene: bpy.types.Scene, samples: int | None) -> Iterator[None]:
 
 
 def _masks(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, shape: tuple[int, int]
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, surface: str, shape: tuple[int, int]
 ) -> dict[str, np.ndarray]:
     """Masks (H, W) of the picture's parts, cut to the render border.
 
     ``picture`` is all of it, ``inside`` what any glass covers, ``outside`` the rest, and
-    ``path TTTT`` (and so on) a light path's region.
+    ``path TTTT`` (and so on) a light path's region; rays that split take several paths.
     """
     regions = region_masks(scene, depsgraph)
     outside = regions.pop("")
+    if surface == "REFRACTION":
+        regions = {events: mask for events, mask in regions.items() if "R" not in events}
     masks = {"picture": np.ones_like(outside), "inside": ~outside, "outside": outside}
     masks |= {f"path {events}": mask for events, mask in regions.items()}
     render = scene.render

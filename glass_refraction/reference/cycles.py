@@ -111,7 +111,7 @@ def main_view_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
 
 
 def samples_setting(scene: bpy.types.Scene) -> tuple[bpy.types.bpy_struct, str]:
-    """The settings that hold the samples per pixel of the scene's engine, and the property's name."""
+    """Settings of the scene's engine that hold its samples per pixel, and the property's name."""
     if scene.render.engine == "CYCLES":
         return scene.cycles, "samples"
     return scene.eevee, "taa_render_samples"

@@ -85,7 +85,14 @@ def markdown(report: dict) -> str:
     """The report as a page of Markdown that shows the comparison's pictures."""
     width, height = report["resolution"]
     places = {"whole picture": report, "inside the glass's outline": report.get("inside")}
-    places |= {f"light path {events}": found for events, found in report["regions"].items()}
+    # Rays that split at the glass take several paths: those of one region share a row.
+    shared: dict[tuple, list[str]] = {}
+    for events, found in report["regions"].items():
+        shared.setdefault(tuple(found.values()), []).append(events)
+    places |= {
+        f"light path {', '.join(events)}": report["regions"][events[0]]
+        for events in shared.values()
+    }
     places["beside the glass"] = report.get("outside")
     rows = [
         f"| {place} | {found['pixels']} | {_decibel(found['psnr_db'])} | "

@@ -222,6 +222,17 @@ def test_a_pane_mirrors_by_fresnels_laws(scene):
     assert picture[..., :3].max() == 0
 
 
+def test_a_transparent_film_shows_through_the_glass(scene):
+    bpy.data.objects.remove(bpy.data.objects["Wall"])
+    set_world(scene, 1.0)
+    scene.render.film_transparent = True
+    ball = glass(SphereGlass((0.03,), (1.5,)))
+    refracting = render_reference(scene, glasses=[ball], surface="REFRACTION")
+    assert refracting.max() == 0
+    mirroring = render_reference(scene, glasses=[ball], surface="GLASS", samples=16)[..., 3]
+    assert mirroring.max() > 0 and np.median(mirroring[mirroring > 0]) < 0.3
+
+
 def lit_wall(scene):
     """A slightly glossy wall under a sun, and a rod between the two, beside the picture."""
     wall = bpy.data.objects["Wall"]
@@ -261,7 +272,7 @@ def everything():
         # Deprecated; reading it warns.
         if p.identifier != "use_nodes"
     }
-    selected = {obj.name for obj in scene.objects if obj.select_get()}
+    selected = {(obj.name, obj.select_get(), obj.hide_render) for obj in scene.objects}
     layer = bpy.context.view_layer
     return blocks, settings, selected, layer.name, layer.objects.active, scene.name
 
@@ -276,7 +287,8 @@ def test_nothing_is_left_behind(scene, engine):
     bpy.data.objects["Wall"].select_set(True)
     scene.view_layers.new("Second")
     before = everything()
-    good = glass(CylinderGlass((0.04, 0.037), (1.5, 1.0), extent=(-0.3, 0.3)))
+    # A glass of an object of the scene: that object is hidden meanwhile.
+    good = glass(CylinderGlass((0.04, 0.037), (1.5, 1.0), extent=(-0.3, 0.3)), name="Wall")
     picture = render_reference(scene, glasses=[good], samples=1)
     assert picture.shape == (SIZE, SIZE, 4) and picture.dtype == np.float32
     assert everything() == before

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A whole comparison, small: files, figures by the contract, and nothing changed after it."""
+
+import json
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import glass_refraction  # noqa: E402
+from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
+
+FIGURES = {
+    "psnr_db",
+    "flip_mean",
+    "max_abs_error",
+    "seconds_composite",
+    "seconds_reference",
+    "reference_samples",
+    "reference_noise_psnr_db",
+    "vertices",
+    "paths",
+    "blender_version",
+}
+
+
+@pytest.fixture
+def scene():
+    """A hollow glass before a wall of light, half of it red."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    glass_refraction.register()
+    scene = bpy.context.scene
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.location = (0, -0.5, 0)
+    camera.rotation_euler = (1.5707963, 0, 0)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    for name, x, colour in (("White", -1, (1, 1, 1, 1)), ("Red", 0, (1, 0, 0, 1))):
+        material = bpy.data.materials.new(name)
+        tree = material.node_tree
+        tree.nodes.clear()
+        light = tree.nodes.new("ShaderNodeEmission")
+        light.inputs["Color"].default_value = colour
+        output = tree.nodes.new("ShaderNodeOutputMaterial")
+        tree.links.new(light.outputs[0], output.inputs["Surface"])
+        wall = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+        corners = [(x, 0.2, -1), (x + 1, 0.2, -1), (x + 1, 0.2, 1), (x, 0.2, 1)]
+        wall.data.from_pydata(corners, [], [(0, 1, 2, 3)])
+        wall.data.materials.append(material)
+        scene.collection.objects.link(wall)
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = 48, 32
+    scene.cycles.samples = 2
+    scene.cycles.use_denoising = False
+    yield scene
+    glass_refraction.unregister()
+
+
+def add_glass(scene):
+    bpy.ops.object.refractive_glass_add(shape="CYLINDER", height=0.6, location=(0.02, 0, -0.3))
+    scene.refractive_glass.surface = "REFRACTION"
+    scene.refractive_glass.shading = "DISPLACED"
+
+
+def test_a_comparison_reports_by_the_contract(scene, tmp_path):
+    from glass_refraction.reference.compare import compare
+
+    add_glass(scene)
+    scene.render.use_border = True
+    scene.render.border_min_x = 0.25
+    shares = []
+    report = compare(scene, tmp_path, samples=4, progress=shares.append)
+    assert set(report) >= FIGURES
+    assert shares == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert report["reference_samples"] == 4 and scene.cycles.samples == 2
+    assert report["surface"] == "REFRACTION" and report["paths"] == ["TTTT"]
+    assert report["pixels"] == 36 * 32
+    assert set(report["regions"]) == {"TTTT"}
+    # The same seed: beside the glass the two pictures are one.
+    assert report["outside"]["psnr_db"] > 100
+    assert report["reference_noise_psnr_db"] < 60
+    assert json.loads((tmp_path / "report.json").read_text())["vertices"] == report["vertices"] > 0
+    assert not bpy.data.objects["Refractive Glass"].hide_render
+
+
+def test_without_a_glass_or_a_camera_nothing_is_rendered(scene, tmp_path):
+    from glass_refraction.reference.compare import compare
+
+    with pytest.raises(RefractiveGlassError, match='"Scene" has no refractive glass'):
+        compare(scene, tmp_path)
+    add_glass(scene)
+    scene.camera = None
+    with pytest.raises(RefractiveGlassError, match='"Scene" has no camera'):
+        compare(scene, tmp_path)
+    assert not list(tmp_path.iterdir())
