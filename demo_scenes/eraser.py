@@ -41,6 +41,7 @@ PICTURE_FRAME = 12  # the frame that the file opens with: half behind the glass,
 PATH_START = (0.069, 0.072)
 PATH_END = (0.016, 0.072)
 WALL_DISTANCE = 0.150
+DESK_EDGE = -0.250
 
 
 def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
@@ -53,8 +54,9 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
     scene.frame_start, scene.frame_end = FRAMES
 
     # The sides are chosen so that the grain (along U) runs away from the camera.
-    depth = 0.6 + WALL_DISTANCE
-    desk = common.quad("Desk", (0.5, -0.6, 0.0), (0.0, depth, 0.0), (-1.0, 0.0, 0.0))
+    # The desk ends below the picture but before the camera: nothing lies behind the eye.
+    depth = WALL_DISTANCE - DESK_EDGE
+    desk = common.quad("Desk", (0.5, DESK_EDGE, 0.0), (0.0, depth, 0.0), (-1.0, 0.0, 0.0))
     grain = common.wood((0.50, 0.31, 0.16), (0.36, 0.20, 0.09))
     desk.materials.append(common.material("Desk wood", grain, unlit=unlit))
     common.link(scene, "Desk", desk)
