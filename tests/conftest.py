@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What all tests share: Blender as it comes from the factory, an empty file for each test.
+
+Only modules that import ``bpy`` get it: the optics' tests run where Blender is not installed.
+"""
+
+import atexit
+import os
+import shutil
+import tempfile
+
+import pytest
+
+# The user's own preferences, start-up file and extensions are none of the tests' business; an
+# installed copy of this very extension would even be tested in place of the checkout.
+_resources = tempfile.mkdtemp(prefix="refractive_glass_tests_")
+atexit.register(shutil.rmtree, _resources, ignore_errors=True)
+os.environ["BLENDER_USER_RESOURCES"] = _resources
+
+
+def _load_empty_file(bpy) -> None:
+    import glass_refraction
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    if not hasattr(bpy.types.Scene, "refractive_glass"):
+        glass_refraction.register()
+
+
+def _keeps_file(module) -> bool:
+    marks = getattr(module, "pytestmark", [])
+    marks = marks if isinstance(marks, list) else [marks]
+    return any(mark.name == "keeps_file" for mark in marks)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _empty_file_for_the_module(request):
+    bpy = getattr(request.module, "bpy", None)
+    if bpy is not None:
+        _load_empty_file(bpy)
+
+
+@pytest.fixture(autouse=True)
+def _empty_file(request, _empty_file_for_the_module):
+    """An empty file with the extension registered, unless the module is marked ``keeps_file``."""
+    bpy = getattr(request.module, "bpy", None)
+    if bpy is not None and not _keeps_file(request.module):
+        _load_empty_file(bpy)
