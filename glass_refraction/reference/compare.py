@@ -46,7 +46,7 @@ def compare(
     Raises
     ------
     RefractiveGlassError
-        No camera, no glass, or one that cannot be computed.
+        No camera, no glass, one that cannot be computed, or the extension is switched off.
     RuntimeError
         A render was cancelled.
     OSError
@@ -62,10 +62,19 @@ def compare(
             f'Scene "{scene.name}" has no refractive glass: add one (Add > Mesh > Refractive Glass)'
         )
 
+    if not scene.refractive_glass.enabled:
+        raise RefractiveGlassError(
+            f'Refractive Glass is switched off in scene "{scene.name}": switch it on to compare'
+        )
+
     report_progress(0.0)
     with _samples(scene, samples):
         composite_samples = getattr(*samples_setting(scene))
         composite, seconds_composite = _timed(render_picture, scene)
+    found = status(scene)
+    if not found.paths:
+        problems = " ".join(found.problems) or "no light path was computed"
+        raise RefractiveGlassError(f'Scene "{scene.name}" was not composited: {problems}')
     report_progress(1 / 3)
     references = []
     seconds = []
@@ -82,7 +91,6 @@ def compare(
     # The renders may have evaluated the scene anew.
     masks = _masks(scene, scene_depsgraph(scene), surface, composite.shape[:2])
     figures = picture_figures(composite, *references, masks)
-    found = status(scene)
     report = {
         "scene": scene.name,
         "frame": scene.frame_current,

@@ -83,12 +83,15 @@ def test_a_comparison_reports_by_the_contract(scene, tmp_path):
     assert not bpy.data.objects["Refractive Glass"].hide_render
 
 
-def test_without_a_glass_or_a_camera_nothing_is_rendered(scene, tmp_path):
+def test_what_cannot_be_compared_is_not_rendered(scene, tmp_path):
     from glass_refraction.reference.compare import compare
 
     with pytest.raises(RefractiveGlassError, match='"Scene" has no refractive glass'):
         compare(scene, tmp_path)
     add_glass(scene)
+    scene.refractive_glass.enabled = False
+    with pytest.raises(RefractiveGlassError, match='switched off in scene "Scene"'):
+        compare(scene, tmp_path)
     scene.camera = None
     with pytest.raises(RefractiveGlassError, match='"Scene" has no camera'):
         compare(scene, tmp_path)

@@ -126,15 +126,19 @@ def through_walls(glass):
     return inward + outward
 
 
-def check_places(scene, glass, expected, part, typical):
-    """The render sees the traced places, to metres; a pixel spans 2.8 mm of the bare wall."""
+def check_places(scene, glass, expected, part):
+    """The render sees the traced places, to metres; a pixel spans 2.8 mm of the bare wall.
+
+    Blender 5.0 comes within 2e-7 m. 5.2 sends all rays through a roughness-free surface 5e-6 rad
+    astray, 4e-6 m here, unless its ior is very near 1.
+    """
     found = places(render_reference(scene, glasses=[glass], surface="REFRACTION"))
     seen = np.isfinite(expected).all(-1)
     assert seen.mean() > part
     error = np.linalg.norm((found - expected)[seen], axis=-1)
-    assert np.median(error) < typical
+    assert np.median(error) < 1e-5
     # At the verge, where everything is magnified without end, chords are no circle.
-    assert np.quantile(error, 0.95) < 50 * typical
+    assert np.quantile(error, 0.95) < 5e-4
 
 
 CYLINDERS = {
@@ -150,7 +154,7 @@ def test_a_skew_cylinder_shows_what_forward_tracing_meets(scene, kind):
     expected = traced_to_wall(
         tube, lambda o, d, w: hit_round(o, d, w, 2), cylinder_normal, through_walls(tube)
     )
-    check_places(scene, tube, expected, 0.5, 5e-7)
+    check_places(scene, tube, expected, 0.5)
 
 
 def test_a_filled_ball_shows_what_forward_tracing_meets(scene):
@@ -161,7 +165,7 @@ def test_a_filled_ball_shows_what_forward_tracing_meets(scene):
         lambda p: p / np.linalg.norm(p, axis=-1, keepdims=True),
         through_walls(ball),
     )
-    check_places(scene, ball, expected, 0.4, 1e-5)
+    check_places(scene, ball, expected, 0.4)
 
 
 def test_a_layered_pane_at_a_slant_shows_what_forward_tracing_meets(scene):
@@ -174,7 +178,7 @@ def test_a_layered_pane_at_a_slant_shows_what_forward_tracing_meets(scene):
         lambda p: np.array((0.0, 0.0, 1.0)),
         list(zip(heights, media, media[1:], strict=False)),
     )
-    check_places(scene, pane, expected, 0.99, 5e-7)
+    check_places(scene, pane, expected, 0.99)
 
 
 def test_glass_of_the_airs_ior_is_no_glass(scene):
