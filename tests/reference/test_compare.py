@@ -7,7 +7,6 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import glass_refraction  # noqa: E402
 from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
 
 FIGURES = {
@@ -27,8 +26,6 @@ FIGURES = {
 @pytest.fixture
 def scene():
     """A hollow glass before a wall of light, half of it red."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    glass_refraction.register()
     scene = bpy.context.scene
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.location = (0, -0.5, 0)
@@ -52,8 +49,7 @@ def scene():
     scene.render.resolution_x, scene.render.resolution_y = 48, 32
     scene.cycles.samples = 2
     scene.cycles.use_denoising = False
-    yield scene
-    glass_refraction.unregister()
+    return scene
 
 
 def add_glass(scene):

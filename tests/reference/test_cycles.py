@@ -26,7 +26,6 @@ def glass(description, rotation=(0, 0, 0), location=(0, 0, 0), name="Glass"):
 @pytest.fixture
 def scene():
     """A camera at (0, -0.5, 0) that looks along +y at a wall of light whose colour is its place."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.location = (0, -0.5, 0)
@@ -266,7 +265,7 @@ def everything():
         for kind in kinds
         for block in getattr(bpy.data, kind)
         # The render result is Blender's own.
-        if kind not in ("images", "all_ids") or kind == "images" and block.type == "IMAGE"
+        if kind not in ("images", "all_ids") or (kind == "images" and block.type == "IMAGE")
     }
     settings = {
         (group.bl_rna.identifier, p.identifier): str(getattr(group, p.identifier))

@@ -35,7 +35,7 @@ def test_flip_is_zero_for_equal_and_one_at_most_for_opposite_pictures(pictures):
     black = np.zeros((20, 30, 3))
     error = metrics.flip(black, 1 - black)
     assert error.shape == (20, 30)
-    assert 0.9 < error.min() and error.max() <= 1
+    assert error.min() > 0.9 and error.max() <= 1
 
 
 def test_psnr_of_a_known_error():

@@ -37,7 +37,6 @@ FORMATS = [
 
 @pytest.mark.parametrize("chosen", FORMATS, ids=lambda f: f["file_format"])
 def test_a_render_returns_floats_and_restores_the_output(chosen, tmp_path):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)
