@@ -11,7 +11,7 @@ from .glasses import FlatGlass, Glass
 from .images import ApparentPoints
 from .paths import LightPath, ParallelView, as_eye, as_path, branches
 from .sheets import Curves, Leg, Placing, rank_of
-from .solver import in_blocks, newton
+from .solver import BLOCK, in_blocks, newton
 from .tracing import inside_outline
 
 
@@ -66,10 +66,7 @@ def apparent_points(
             medium = len(glass.media) - 1
     else:
         medium = int(glass.medium_at(eye))
-    if isinstance(glass, FlatGlass):
-        solve = _flat_slots
-    else:
-        solve = _coaxial_slots
+    solve = _flat_slots if isinstance(glass, FlatGlass) else _coaxial_slots
     for branch in branches(glass, medium, path):
         for stretch in range(1, len(branch.stretches)):
             found, steps = solve(glass, eye, branch, stretch, some, tolerance, guess)
@@ -136,26 +133,35 @@ def _coaxial_slots(glass, eye, branch, stretch, points, tolerance, guess):
     zeta = passage.frame.zeta
     if zeta is not None and abs(zeta) >= passage.domain.zeta_max:  # a parallel view
         return [], 0
-    cells = 1 if passage.single() else CELLS
+    single = passage.single()
     targets = passage.targets(points)
     sheets: dict[tuple, list[NDArray]] = {}
-    blocks: list[tuple[slice, list[Placing]]] = []
-    found: list[tuple[slice, list]] = []
+    blocks: list[tuple[NDArray, list[Placing]]] = []
+    found: list[tuple[NDArray, list]] = []
+    total = len(points)
+    steps = 0
+    left = np.arange(total)
+    if single and "R" not in branch.events[:stretch]:
+        sheet, steps, done = _straight_newton(passage, targets, tolerance)
+        sheets[(1, 0, 0, 0)] = sheet
+        left = np.flatnonzero(~done)
 
     def search(block: slice) -> None:
-        part = [target[block] for target in targets]
-        legs = [Leg(Curves(passage, side, *part), cells) for side in passage.sides]
-        found.append((block, _sorted_roots(passage, legs, candidates[block])))
-        blocks.append((block, [Placing(leg) for leg in legs]))
+        index = left[block]
+        part = [target[index] for target in targets]
+        legs = [
+            Leg(Curves(passage, side, *part), 1 if single else CELLS) for side in passage.sides
+        ]
+        found.append((index, _sorted_roots(passage, legs)))
+        blocks.append((index, [Placing(leg) for leg in legs]))
 
-    in_blocks(search, len(points))
-    total = len(points)
+    in_blocks(search, len(left), BLOCK if single else BLOCK // CELLS)
     for block, roots in found:
         for key, index, ell, zeta, side in roots:
             if key not in sheets:
                 sheets[key] = [np.zeros(total), np.zeros(total), np.ones(total), np.zeros(total)]
             sheet = sheets[key]
-            index = block.start + index
+            index = block[index]
             sheet[0][index], sheet[1][index], sheet[2][index] = ell, zeta, side
             sheet[3][index] = 1.0
     keys = sorted(key for key, sheet in sheets.items() if (sheet[3] * candidates).any())
@@ -189,17 +195,47 @@ def _coaxial_slots(glass, eye, branch, stretch, points, tolerance, guess):
         slots.append(
             (stretch, image.direction, image.distance, image.position, valid, image.residual)
         )
-    return slots, 0
+    return slots, steps
 
 
 MISS = 1e-9
 """Residual in parts of the distance beyond which a ray does not count as passing a point."""
 
-CELLS = 24
+CELLS = 12
 """Cells along a curve that may meet caustics."""
 
 
-def _sorted_roots(passage, legs, candidates):
+def _straight_newton(passage, targets, tolerance):
+    """The one image of each point, by Newton's steps from the straight ray; and which found it."""
+    total = len(targets[0])
+    ell, zeta, side = (np.empty(total) for _ in range(3))
+    done = np.empty(total, dtype=bool)
+    most = []
+
+    def work(block: slice) -> None:
+        x, y, z = (target[block] for target in targets)
+        (here_ell, here_zeta), steps = newton(
+            passage,
+            passage.start(x, y, z),
+            (x, y, z),
+            small=min(1e-7, 0.1 * tolerance**0.5) if tolerance < 1e-8 else 0.1 * tolerance**0.5,
+            most=12,
+        )
+        line = passage.follow(here_ell, here_zeta, slopes=False)
+        along, across, rise, _ = line.misses(x, y, z)
+        if passage.frame.zeta is not None:
+            rise = 0.0
+        near = np.abs(across) + np.abs(rise) <= MISS * (1.0 + np.abs(line.length))
+        here_side = np.where(along < 0.0, -1.0, 1.0)
+        near &= np.isin(here_side, passage.sides) & (steps <= 12)
+        ell[block], zeta[block], side[block], done[block] = here_ell, here_zeta, here_side, near
+        most.append(int(steps[near].max(initial=0)))
+
+    in_blocks(work, total)
+    return [ell, zeta, side, done.astype(float)], max(most, default=0), done
+
+
+def _sorted_roots(passage, legs):
     """Images of a block, by sheet: (key, indices, ℓ, ζ, side)."""
     found = []
     taken: dict[tuple, NDArray] = {}
@@ -216,7 +252,7 @@ def _sorted_roots(passage, legs, candidates):
             which = np.flatnonzero((keys == key).all(axis=-1))
             index = roots.index[which]
             key = tuple(int(part) for part in key)
-            used = taken.setdefault(key, np.zeros(len(candidates), dtype=bool))
+            used = taken.setdefault(key, np.zeros(len(leg.curves.radius), dtype=bool))
             # Both legs may hold an image of one sheet: the second gets a slot of its own.
             again = used[index]
             used[index] = True
@@ -242,7 +278,7 @@ def _place(key, block, placings, lost, ell, zeta, side):
     for placing in placings:
         at_ell, at_zeta, gap = placing.nearest(bool(upright), rank, winding, lost)
         closer = gap < best
-        index = block.start + lost[closer]
+        index = block[lost[closer]]
         ell[index], zeta[index], side[index] = (
             at_ell[closer],
             at_zeta[closer],

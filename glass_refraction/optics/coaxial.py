@@ -156,6 +156,27 @@ def _extremal(lines, zeta_max, which) -> tuple[tuple[float, float], ...]:
     return tuple(line for line in sorted(lines) if not any(beats(o, line) for o in lines))
 
 
+def _paired(walls: tuple[Term, ...]):
+    """Terms of one ior in pairs of opposite counts, the rest, and what all counts divide by.
+
+    A pair costs one division and half the products of two single terms.
+    """
+    power = math.gcd(*(term.count for term in walls)) or 1
+    pairs, singles = [], []
+    for ior in sorted({term.ior for term in walls}):
+        plus = [[term.radius**2, term.count] for term in walls if term.ior == ior]
+        minus = [part for part in plus if part[1] < 0]
+        plus = [part for part in plus if part[1] > 0]
+        while plus and minus:
+            count = min(plus[-1][1], -minus[-1][1])
+            pairs.append((ior, plus[-1][0], minus[-1][0], count))
+            plus[-1][1] -= count
+            minus[-1][1] += count
+            plus, minus = ([part for part in parts if part[1]] for parts in (plus, minus))
+        singles += [(ior, radius2, count) for radius2, count in plus + minus]
+    return tuple(pairs), tuple(singles), power
+
+
 class Passage:
     """One stretch of one branch: everything its equations need, for one viewpoint.
 
@@ -198,6 +219,7 @@ class Passage:
         )
         self.terms = self.walls + ((self.eye_term,) if self.eye_term else ())
         self.iors = tuple(sorted({term.ior for term in self.terms} | {self.ior, self.eye_ior}))
+        self.pairs, self.singles, self.power = _paired(self.walls)
         least = min((self.ior, *(term.ior for term in self.terms)))
         self.zeta_max = least
         limits = {(term.ior * term.ior, term.radius * term.radius) for term in self.terms}
@@ -246,42 +268,73 @@ class Passage:
         p2 = {n: n * n - zeta2 for n in self.iors}
         real = imag = None
         sums, spreads = {}, {}
-        for term in self.terms:
-            w = np.sqrt(np.maximum(p2[term.ior] * (term.radius * term.radius) - ell2, SMALLEST))
-            step = ell if term.count > 0 else -ell
-            for _ in range(abs(term.count)):
-                if real is None:
-                    real, imag = w, step
-                else:
-                    real, imag = real * w - imag * step, real * step + imag * w
-            _add(sums, term.ior, term.count * w)
+        for ior, plus2, minus2, count in self.pairs:
+            first, second = _radial(p2[ior], plus2, ell2), _radial(p2[ior], minus2, ell2)
+            product = first * second
+            second -= first
+            # (first + iℓ)(second − iℓ), and the two quotients over one denominator
+            _add(sums, ior, (-count) * second)
             if slopes:
-                _add(spreads, term.ior, term.count / w)
-        norm = np.sqrt(real * real + imag * imag)
-        sign = -1.0 if self.turn % 2 else 1.0
-        norm = np.where(norm > 0.0, norm, 1.0) * sign
+                _add(spreads, ior, count * second / product)
+            product += ell2
+            second *= ell
+            for _ in range(count // self.power):
+                real, imag = _times(real, imag, product, second)
+        for ior, radius2, count in self.singles:
+            w = _radial(p2[ior], radius2, ell2)
+            _add(sums, ior, count * w)
+            if slopes:
+                _add(spreads, ior, count / w)
+            step = ell if count > 0 else -ell
+            for _ in range(abs(count) // self.power):
+                real, imag = _times(real, imag, w, step)
+        walls_real, walls_imag = real, imag
+        for _ in range(self.power - 1 if real is not None else 0):
+            real, imag = _times(real, imag, walls_real, walls_imag)
+        eye_inverse = None
+        if self.eye_term is not None:
+            w = _radial(p2[self.eye_ior], self.eye_term.radius**2, ell2)
+            outward = self.eye_side > 0
+            real, imag = _times(real, imag, w, ell if outward else -ell)
+            _add(sums, self.eye_ior, w if outward else -w)
+            if slopes:
+                eye_inverse = 1.0 / w
+                _add(spreads, self.eye_ior, eye_inverse if outward else -eye_inverse)
+        if real is None:
+            real, imag = np.ones_like(ell), np.zeros_like(ell)
+        norm = real * real
+        norm += imag * imag
+        np.sqrt(norm, out=norm)
+        np.divide(-1.0 if self.turn % 2 else 1.0, norm, out=norm)
+        real = real * norm
+        imag = imag * norm
         height = length = turn_ell = bend = height_zeta = 0.0
         for n, total in sums.items():
-            part = total / p2[n]
+            inverse = 1.0 / p2[n]
+            part = total * inverse
             height = height - part
-            length = length - n * part
             if slopes:
-                spread = spreads[n] / p2[n]
                 turn_ell = turn_ell + spreads[n]
+                spread = spreads[n] * inverse
                 bend = bend + spread
-                height_zeta = height_zeta - (part * (n * n) - zeta2 * ell2 * spread) / p2[n]
-        momentum = np.sqrt(p2[self.ior])
+                part = part * (n * n)
+                part -= zeta2 * ell2 * spread
+                part *= inverse
+                height_zeta = height_zeta - part
+            else:
+                length = length - n * part
         return Line(
             ell,
             zeta,
-            momentum,
-            real / norm,
-            imag / norm,
+            np.sqrt(p2[self.ior]),
+            real,
+            imag,
             zeta * height,
             length,
             turn_ell,
             ell * zeta * bend,
             height_zeta,
+            eye_inverse,
         )
 
     # ---- targets ------------------------------------------------------------------------
@@ -324,49 +377,72 @@ class Passage:
             ell, zeta = frame.eye_radius * y * reach, z * reach
         return self.into_domain(ell, zeta, 0.95)
 
-    def into_domain(self, ell, zeta, part):
+    def into_domain(self, ell, zeta, part=1.0 - 1e-12):
         """The nearest invariants within `part` of the domain."""
+        zeta2 = zeta * zeta
         end = part * self.zeta_max
-        if self.frame.zeta is None:
+        if self.frame.zeta is None and zeta2.max(initial=0.0) > end * end:
             zeta = np.clip(zeta, -end, end)
-        bound = part * np.sqrt(np.maximum(self.upper_limit(zeta * zeta)[0], 0.0))
-        return np.clip(ell, -bound, bound), zeta
+            zeta2 = zeta * zeta
+        bound = self.upper_limit(zeta2)[0] * (part * part)
+        if (ell * ell > bound).any():
+            bound = np.sqrt(bound)
+            ell = np.clip(ell, -bound, bound)
+        return ell, zeta
 
     def step(self, ell, zeta, x, y, z):
         """One Newton step in both invariants, kept in the domain; and its angle at the eye."""
+        if self.frame.zeta is not None:
+            return self._step_known_zeta(ell, zeta, x, y)
         line = self.follow(ell, zeta)
-        along, across, rise, p = line.misses(x, y, z)
+        along, side = line.along(x, y)
+        inverse = 1.0 / line.momentum
+        slope = zeta * inverse
+        across = side + ell * inverse
+        rise = line.height + slope * along
+        rise -= z
         # The residuals are linear in the target: distance from the line across, and along z.
-        a = 1.0 / p - line.turn_ell * along
-        side = line.uy_cross(x, y)
-        if self.frame.zeta is None:
-            b = ell * zeta / (p * p * p) - line.turn_zeta * along
-            slope = zeta / p
-            c = line.turn_zeta + slope * line.turn_ell * side
-            d = (
-                line.height_zeta
-                + along * self.ior**2 / (p * p * p)
-                + slope * line.turn_zeta * side
-            )
-            determinant = a * d - b * c
-            determinant = np.where(determinant == 0.0, SMALLEST, determinant)
-            new_ell = ell - (d * across - b * rise) / determinant
-            new_zeta = zeta - (a * rise - c * across) / determinant
-        else:
-            new_ell = ell - across / np.where(a == 0.0, SMALLEST, a)
-            new_zeta = zeta
-        new_ell, new_zeta = self.into_domain(new_ell, new_zeta, 1.0 - 1e-12)
-        return new_ell, new_zeta, self.angle(ell, zeta, new_ell, new_zeta)
+        inverse2 = inverse * inverse
+        a = inverse - line.turn_ell * along
+        b = inverse2 * ell
+        b *= slope
+        b -= line.turn_zeta * along
+        tilt = slope * side
+        c = line.turn_zeta + tilt * line.turn_ell
+        d = along * inverse
+        d *= inverse2
+        d *= self.ior * self.ior
+        d += line.height_zeta
+        d += tilt * line.turn_zeta
+        determinant = a * d
+        determinant -= b * c
+        if not determinant.all():
+            determinant = np.where(determinant == 0.0, FLAT, determinant)
+        np.divide(-1.0, determinant, out=determinant)
+        d *= across
+        b *= rise
+        d -= b
+        d *= determinant
+        a *= rise
+        c *= across
+        a -= c
+        a *= determinant
+        new_ell, new_zeta = self.into_domain(ell + d, zeta + a)
+        # The angle at the eye: part along the axis and part across it.
+        eye = inverse if self.eye_ior == self.ior else 1.0 / np.sqrt(self.eye_ior**2 - zeta * zeta)
+        change = np.abs(a)
+        change *= eye
+        d *= line.eye_inverse
+        change += np.abs(d, out=d)
+        return new_ell, new_zeta, change
 
-    def angle(self, ell, zeta, new_ell, new_zeta):
-        """About the angle at the eye between two rays."""
-        p2 = self.eye_ior**2 - new_zeta * new_zeta
-        turned = np.abs(new_zeta - zeta) / np.sqrt(p2)
-        if self.eye_term is None:
-            return turned + np.abs(new_ell - ell)
-        radius2 = self.eye_term.radius**2
-        radial = np.sqrt(np.maximum(p2 * radius2 - new_ell * new_ell, 1e-12 * p2 * radius2))
-        return turned + np.abs(new_ell - ell) / radial
+    def _step_known_zeta(self, ell, zeta, x, y):
+        line = self.follow(ell, zeta)
+        along, side = line.along(x, y)
+        a = 1.0 / line.momentum - line.turn_ell * along
+        move = (side + ell / line.momentum) / np.where(a == 0.0, FLAT, a)
+        new_ell, _ = self.into_domain(ell - move, zeta)
+        return new_ell, zeta, np.abs(move if self.eye_term is None else move * line.eye_inverse)
 
     def orientation(self, side: int) -> int:
         """Sign of dF/dℓ on a leg for images that no caustic has turned over."""
@@ -504,8 +580,26 @@ NEARLY = 1e-12
 """Relative width within which a point counts as on an interface."""
 
 
-SMALLEST = 1e-280
+SMALLEST = 1e-34
 """Floor of w², so that 1/w stays finite at the edge of a domain."""
+
+FLAT = 1e-30
+"""Stands for a determinant of 0, on a caustic: the step then ends at the edge of the domain."""
+
+
+def _radial(p2, radius2, ell2):
+    """w, kept above 0."""
+    w = p2 * radius2
+    w -= ell2
+    np.maximum(w, SMALLEST, out=w)
+    return np.sqrt(w, out=w)
+
+
+def _times(real, imag, other_real, other_imag):
+    """Product of two complex arrays given by their parts; the first may be None, for 1."""
+    if real is None:
+        return other_real, other_imag
+    return real * other_real - imag * other_imag, real * other_imag + imag * other_real
 
 
 def _add(sums: dict, key: float, value) -> None:
@@ -518,7 +612,8 @@ class Line:
 
     `ux`, `uy`: unit transverse direction. `height`, `length`: z and geometric length at the foot
     (the point nearest the axis). `turn_ell` = ∂ψ/∂ℓ, `turn_zeta` = ∂ψ/∂ζ = ∂height/∂ℓ,
-    `height_zeta` = ∂height/∂ζ.
+    `height_zeta` = ∂height/∂ζ; `eye_inverse` = 1/w at the eye. `length` is left 0 where slopes were
+    asked for, and the slopes where they were not.
     """
 
     ell: Floats
@@ -531,13 +626,15 @@ class Line:
     turn_ell: Floats | float
     turn_zeta: Floats | float
     height_zeta: Floats | float
+    eye_inverse: Floats | None
 
     def misses(self, x, y, z):
         """Way from the foot to a target, and its distances from the line across and along z."""
-        along = self.ux * x + self.uy * y
-        across = self.uy_cross(x, y) + self.ell / self.momentum
+        along, side = self.along(x, y)
+        across = side + self.ell / self.momentum
         rise = self.height + self.zeta * along / self.momentum - z
         return along, across, rise, self.momentum
 
-    def uy_cross(self, x, y):
-        return self.ux * y - self.uy * x
+    def along(self, x, y):
+        """Coordinates of a target along the line and across it."""
+        return self.ux * x + self.uy * y, self.ux * y - self.uy * x

@@ -75,8 +75,8 @@ class Curves:
             return np.full(len(self.radius), self.known)
         return self.zeta_max * tangent / np.sqrt(1.0 + tangent * tangent)
 
-    def state(self, tau: Floats, tangent: Floats) -> State:
-        """F, Z and derivatives; τ (n,) or a number."""
+    def state(self, tau: Floats, tangent: Floats, turning: bool = True) -> State:
+        """F, Z and derivatives at τ and ζ, (n,) or (k, n); without F unless `turning`."""
         passage = self.passage
         zeta = self.zeta(tangent)
         zeta2 = zeta * zeta
@@ -100,7 +100,8 @@ class Curves:
             p2 = ior * ior - zeta2
             w = np.sqrt(np.maximum(p2 * radius2 - upper2, 0.0) + below)
             inverse = count / np.maximum(w, FLOOR)
-            turn = turn + count * np.arctan2(ell, w)
+            if turning:
+                turn = turn + count * np.arctan2(ell, w)
             part = count * w / p2
             spread = inverse / p2
             way = way - part
@@ -125,38 +126,35 @@ class Curves:
 
     def start(self, tau: Floats) -> Floats:
         """A first tangent: as if ways across the axis did not depend on ζ."""
-        zero = np.zeros(len(self.radius))
+        zero = np.zeros(np.broadcast_shapes(np.shape(tau), self.radius.shape))
         if not self.free:
             return zero
-        here = self.state(tau, zero)
-        return self.height / np.maximum(here.height_zeta * self.zeta_max, FLOOR)
+        here = self.state(tau, zero, turning=False)
+        return np.minimum(
+            self.height / np.maximum(here.height_zeta * self.zeta_max, FLOOR), STEEP
+        )
 
     def climb(self, tau: Floats, tangent: Floats, small: float, most: int) -> tuple[Floats, State]:
         """The tangent at which rays with this τ reach the target's height.
 
         Newton's steps, halved back into a bracket; the height grows with ζ along τ.
         """
-        state = self.state(tau, tangent)
-        if not self.free:
-            return tangent, state
-        low = np.zeros(len(tangent))
-        high = np.full(len(tangent), np.inf)
-        for _ in range(most):
+        low, high = 0.0, np.inf
+        for _ in range(most if self.free else 0):
+            state = self.state(tau, tangent, turning=False)
             miss = state.height - self.height
             low = np.where(miss < 0.0, np.maximum(low, tangent), low)
             high = np.where(miss > 0.0, np.minimum(high, tangent), high)
             root = np.sqrt(1.0 + tangent * tangent)
             slope = state.height_zeta * self.zeta_max / (root * root * root)
             new = tangent - miss / np.where(np.abs(slope) > FLOOR, slope, FLOOR)
-            outside = ~((new >= low) & (new <= high))
-            middle = np.where(np.isfinite(high), 0.5 * (low + high), 2.0 * low + 1.0)
-            new = np.minimum(np.where(outside, middle, new), STEEP)
+            middle = np.where(high < STEEP, 0.5 * (low + high), 2.0 * low + 1.0)
+            new = np.minimum(np.where((new >= low) & (new <= high), new, middle), STEEP)
             change = np.abs(new - tangent) > small * (1.0 + tangent)
             tangent = np.where(change, new, tangent)
-            state = self.state(tau, tangent)
             if not change.any():
                 break
-        return tangent, state
+        return tangent, self.state(tau, tangent)
 
 
 @dataclass
@@ -173,111 +171,136 @@ class Roots:
 
 
 class Leg:
-    """Curves cut into monotone pieces, and the images on them."""
+    """Curves cut into monotone parts, and the images on them.
+
+    A *part* is a stretch of one target's curve on which F is monotone, no longer than a cell; all
+    parts lie in flat arrays, those of one target together and in order. A *piece* is a sheet: the
+    parts between two places where F turns round, numbered from ℓ = 0.
+    """
 
     def __init__(self, curves: Curves, cells: int) -> None:
         self.curves = curves
         count = len(curves.radius)
-        taus = np.linspace(0.0, EDGE, cells + 1)
-        tangent = curves.start(np.zeros(count))
-        rows = cells + 1
-        self.turn = np.empty((rows, count))
-        self.tangent = np.empty((rows, count))
-        slope = np.empty((rows + 1, count))
-        self.steps = 0
-        for row, tau in enumerate(taus):
-            tau = np.full(count, tau)
-            tangent, state = curves.climb(tau, tangent, 1e-7, 12 if row == 0 else 8)
-            self.turn[row], self.tangent[row] = state.turn, tangent
-            if row < cells:
-                slope[row] = state.slope(curves.free)
-        near, state = curves.climb(np.full(count, NEAR_EDGE), tangent, 1e-9, 8)
-        slope[cells] = state.slope(curves.free)
-        slope[rows] = slope[cells]
-        # Rows: the cells' ends, with one more just before the edge.
-        self.taus = np.append(taus, EDGE)
-        self.taus[cells] = NEAR_EDGE
-        self.turn = np.vstack([self.turn, self.turn[-1]])
-        self.tangent = np.vstack([self.tangent, self.tangent[-1]])
-        self.turn[cells], self.tangent[cells] = state.turn, near
-        self._cut(slope)
+        taus = np.append(np.linspace(0.0, EDGE, cells + 1)[:-1], (NEAR_EDGE, EDGE))
+        tangent, state = curves.climb(taus[:, None], curves.start(taus[:, None]), 1e-7, 30)
+        slope = np.array(state.slope(curves.free))
+        slope[-1] = slope[-2]
+        self.last_turn, self.last_tangent = state.turn[-1], tangent[-1]
+        flattest = np.argmin(np.abs(slope), axis=0)
+        self.flat_tau = taus[flattest]
+        self.flat_tangent = tangent[flattest, np.arange(count)]
+        # Ends of parts, target by target.
+        tau, index = np.tile(taus, count), np.repeat(np.arange(count), len(taus))
+        ends = [part.T.ravel() for part in (tangent, state.turn, slope)]
+        ends = self._dips(index, [tau, *ends], len(taus))
+        self._cut(*ends)
 
-    def _cut(self, slope: Floats) -> None:
-        """Find where F turns round; sort the monotone parts of all cells into flat arrays."""
+    def _dips(self, index, ends, rows):
+        """More ends where the slope dips towards zero between two of the same sign."""
+        tau, tangent, turn, slope = ends
+        size = np.abs(slope).reshape(-1, rows)
+        up = slope.reshape(-1, rows) > 0.0
+        inner = size[:, 1:-2]
+        dip = (inner < size[:, :-3]) & (inner < size[:, 2:-1])
+        dip &= (up[:, 1:-2] == up[:, :-3]) & (up[:, 1:-2] == up[:, 2:-1])
+        # The parabola through three slopes: is its top anywhere near zero?
+        left, right = size[:, :-3] - inner, size[:, 2:-1] - inner
+        bend, lean = 0.5 * (left + right), 0.5 * (right - left)
+        shift = -lean / np.where(dip, 2.0 * bend, 1.0)
+        low = inner + 0.5 * lean * shift
+        dip &= low < 0.5 * inner
+        where = np.flatnonzero(
+            np.pad(dip, ((0, 0), (1, 2)))
+        )
+        if not len(where):
+            return index, tau, tangent, turn, slope
+        shift = shift[dip]
+        neighbour = np.where(shift > 0.0, where + 1, where - 1)
+        new_tau = tau[where] + np.abs(shift) * (tau[neighbour] - tau[where])
+        curves = self.curves.take(index[where])
+        new_tangent, state = curves.climb(new_tau, tangent[where], 1e-7, 30)
+        before = np.where(shift > 0.0, where + 1, where)
+        fields = (index[where], new_tau, new_tangent, state.turn, state.slope(curves.free))
+        return tuple(
+            np.insert(old, before, new)
+            for old, new in zip((index, tau, tangent, turn, slope), fields, strict=True)
+        )
+
+    def _cut(self, index, tau, tangent, turn, slope) -> None:
+        """Cut parts where F turns round and count the pieces."""
         rising = slope > 0.0
-        turns = rising[:-1] != rising[1:]
-        cell, index = np.nonzero(turns)
-        tau, tangent, turn = self._turning(cell, index, slope)
-        piece = np.vstack([np.zeros(turns.shape[1], dtype=int), np.cumsum(turns, axis=0)])
-        whole_cell, whole_index = np.nonzero(~turns)
+        joined = index[1:] == index[:-1]
+        cut = np.flatnonzero(joined & (rising[1:] != rising[:-1]))
+        top_tau, top_tangent, top_turn = self._turning(
+            self.curves.take(index[cut]),
+            *(np.stack([part[cut], part[cut + 1]]) for part in (tau, slope)),
+            tangent[cut],
+        )
+        # After a cut the slope that counts is that of the next end.
+        index, tau, tangent, turn, rising = (
+            np.insert(old, cut + 1, new)
+            for old, new in (
+                (index, index[cut]),
+                (tau, top_tau),
+                (tangent, top_tangent),
+                (turn, top_turn),
+                (rising, rising[cut + 1]),
+            )
+        )
+        turned = np.zeros(len(index), dtype=bool)
+        turned[cut + 1 + np.arange(len(cut))] = True
+        piece = np.cumsum(turned)
+        begins = np.append(True, index[1:] != index[:-1])
+        piece = piece - piece[begins][index]
+        part = np.flatnonzero(np.append(index[1:] == index[:-1], False))
+        self.index, self.piece, self.rising = index[part], piece[part], rising[part]
+        self.tau_low, self.tau_high = tau[part], tau[part + 1]
+        self.turn_low, self.turn_high = turn[part], turn[part + 1]
+        self.tangent_low = tangent[part]
+        count = len(self.curves.radius)
+        self.rising_first = rising[begins]
+        self.last_piece = np.bincount(index[turned], minlength=count)
+        # Where pieces end, as a table: row p holds the end of piece p.
+        rows = int(self.last_piece.max(initial=0)) + 1
+        self.ends_tau = np.full((rows, count), EDGE)
+        self.ends_turn = np.repeat(self.last_turn[None], rows, axis=0)
+        self.ends_tangent = np.repeat(self.last_tangent[None], rows, axis=0)
+        place = piece[turned] - 1, index[turned]
+        self.ends_tau[place] = tau[turned]
+        self.ends_turn[place] = turn[turned]
+        self.ends_tangent[place] = tangent[turned]
 
-        def flat(values, rows, columns):
-            return values[rows, columns]
-
-        self.index = np.concatenate([whole_index, index, index])
-        self.tau_low = np.concatenate([self.taus[whole_cell], self.taus[cell], tau])
-        self.tau_high = np.concatenate([self.taus[whole_cell + 1], tau, self.taus[cell + 1]])
-        self.turn_low = np.concatenate(
-            [flat(self.turn, whole_cell, whole_index), flat(self.turn, cell, index), turn]
-        )
-        self.turn_high = np.concatenate(
-            [
-                flat(self.turn, whole_cell + 1, whole_index),
-                turn,
-                flat(self.turn, cell + 1, index),
-            ]
-        )
-        self.tangent_low = np.concatenate(
-            [flat(self.tangent, whole_cell, whole_index), flat(self.tangent, cell, index), tangent]
-        )
-        self.piece = np.concatenate(
-            [
-                flat(piece, whole_cell, whole_index),
-                flat(piece, cell, index),
-                flat(piece, cell + 1, index),
-            ]
-        )
-        self.rising = np.concatenate(
-            [
-                flat(rising, whole_cell, whole_index),
-                flat(rising, cell, index),
-                flat(rising, cell + 1, index),
-            ]
-        )
-        self.last_piece = piece[-1]
-        self.rising_first = rising[0]
-        self.flattest = np.argmin(np.abs(slope[:-1]), axis=0)
-        # Turning points as a table: row p holds the end of piece p.
-        most = int(turns.sum(axis=0).max(initial=0))
-        self.ends_tau = np.full((most + 1, turns.shape[1]), EDGE)
-        self.ends_turn = np.repeat(self.turn[-1:], most + 1, axis=0)
-        self.ends_tangent = np.repeat(self.tangent[-1:], most + 1, axis=0)
-        row = piece[cell, index]
-        self.ends_tau[row, index] = tau
-        self.ends_turn[row, index] = turn
-        self.ends_tangent[row, index] = tangent
-
-    def _turning(self, cell, index, slope):
-        """τ, tangent and F where the slope of F changes its sign within a cell."""
-        curves = self.curves.take(index)
-        low, high = self.taus[cell], self.taus[cell + 1]
-        slope_low, slope_high = slope[cell, index], slope[cell + 1, index]
-        tangent = self.tangent[cell, index]
-        tau, turn = low, self.turn[cell, index]
-        for _ in range(60 if len(index) else 0):
+    @staticmethod
+    def _turning(curves: Curves, taus, slopes, tangent):
+        """τ, tangent and F where the slope of F changes its sign within a part."""
+        low, high = taus
+        slope_low, slope_high = slopes
+        tau = turn = low
+        index = np.arange(len(low))
+        result = [np.array(part) for part in (low, tangent, low)]
+        for _ in range(60):
+            if not len(index):
+                break
             # Illinois: a secant that halves the weight of an end that stays.
             tau = (low * slope_high - high * slope_low) / (slope_high - slope_low)
             tau = np.where((tau > low) & (tau < high), tau, 0.5 * (low + high))
-            tangent, state = curves.climb(tau, tangent, 1e-12, 6)
+            tangent, state = curves.climb(tau, tangent, 1e-10, 30)
             turn, here = state.turn, state.slope(curves.free)
+            for old, new in zip(result, (tau, tangent, turn), strict=True):
+                old[index] = new
             left = (here > 0.0) == (slope_low > 0.0)
             low = np.where(left, tau, low)
             high = np.where(left, high, tau)
             slope_high = np.where(left, 0.5 * slope_high, here)
             slope_low = np.where(left, here, 0.5 * slope_low)
-            if (np.minimum(high - low, np.abs(here)) < 1e-10).all():
-                break
-        return tau, tangent, turn
+            # F is flat here: an error of 1e-8 in τ is one of 1e-16 in F.
+            going = np.flatnonzero(np.minimum(high - low, np.abs(here)) > 1e-9)
+            if len(going) < len(index):
+                index, curves = index[going], curves.take(going)
+                low, high, slope_low, slope_high, tangent = (
+                    part[going] for part in (low, high, slope_low, slope_high, tangent)
+                )
+        return result
 
     def roots(self) -> Roots:
         """All images of all targets on this leg."""
@@ -328,7 +351,7 @@ class Leg:
         index = np.arange(len(tau))
         result_tau, result_tangent = tau.copy(), tangent.copy()
         here = [curves, low, high, rising, wanted, tau, tangent]
-        for number in range(1, 101):
+        for _ in range(100):
             curves, low, high, rising, wanted, tau, tangent = here
             state = curves.state(tau, tangent)
             miss = state.turn - wanted
@@ -360,7 +383,6 @@ class Leg:
                 change = np.maximum(change, np.abs(new_tangent - tangent) / (1.0 + tangent**2))
             result_tau[index], result_tangent[index] = new, new_tangent
             moving = change > 1e-14
-            self.steps = max(self.steps, number)
             if not moving.any():
                 break
             index = index[moving]
@@ -375,14 +397,12 @@ class Placing:
     """What stays of a leg for vertices without an image: the ends of the pieces."""
 
     def __init__(self, leg: Leg) -> None:
-        columns = np.arange(len(leg.curves.radius))
         self.curves = leg.curves
         self.last_piece = leg.last_piece
         self.rising_first = leg.rising_first
         self.ends_tau, self.ends_turn = leg.ends_tau, leg.ends_turn
         self.ends_tangent = leg.ends_tangent
-        self.flat_tau = leg.taus[leg.flattest]
-        self.flat_tangent = leg.tangent[leg.flattest, columns]
+        self.flat_tau, self.flat_tangent = leg.flat_tau, leg.flat_tangent
 
     def nearest(self, upright: bool, rank: int, winding: int, index) -> tuple[Floats, ...]:
         """The edge of a sheet nearest to targets `index`: ℓ, ζ, and the gap in azimuth.
@@ -421,6 +441,6 @@ def rank_of(piece, mirror):
     return np.where(piece > 0, piece - 1 + (mirror > 0.0), 0)
 
 
-FLOOR = 1e-130
+FLOOR = 1e-40
 STEEP = 1e6
 """Largest tangent of the tilt: beyond it a ray runs along the axis."""

@@ -40,7 +40,6 @@ def newton(
     did not come to rest).
     """
     unknowns = list(unknowns)
-    count = len(unknowns)
     steps = np.full(len(unknowns[0]), most + 1, dtype=np.intp)
     index = np.arange(len(steps))
     values, here = list(unknowns), list(targets)
@@ -56,13 +55,12 @@ def newton(
             index = index[moving]
             values = [value[moving] for value in values]
             here = [target[moving] for target in here]
-    assert len(unknowns) == count
     return unknowns, steps
 
 
-def in_blocks(work: Callable[[slice], None], total: int) -> None:
+def in_blocks(work: Callable[[slice], None], total: int, size: int = BLOCK) -> None:
     """Call `work` for slices that cover range(total), on two threads where there is enough."""
-    blocks = [slice(first, min(first + BLOCK, total)) for first in range(0, total, BLOCK)]
+    blocks = [slice(first, min(first + size, total)) for first in range(0, total, size)]
     if len(blocks) < 2:
         for block in blocks:
             work(block)
