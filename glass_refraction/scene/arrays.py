@@ -6,7 +6,17 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-_FIELD = {"FLOAT_VECTOR": "vector", "FLOAT_COLOR": "color", "FLOAT": "value", "INT": "value"}
+# Attribute kind -> (property, components, type) as foreach_get and foreach_set take them.
+_KINDS = {
+    "FLOAT": ("value", 1, np.float32),
+    "FLOAT2": ("vector", 2, np.float32),
+    "FLOAT_VECTOR": ("vector", 3, np.float32),
+    "FLOAT_COLOR": ("color", 4, np.float32),
+    "BYTE_COLOR": ("color", 4, np.float32),
+    "INT": ("value", 1, np.int32),
+    "INT8": ("value", 1, np.int32),
+    "BOOLEAN": ("value", 1, np.bool_),
+}
 
 
 def positions(mesh: bpy.types.Mesh) -> np.ndarray:
@@ -31,10 +41,13 @@ def corner_normals(mesh: bpy.types.Mesh) -> np.ndarray:
     return out
 
 
-def write_positions(mesh: bpy.types.Mesh, values: np.ndarray) -> None:
-    """Set all vertex positions (N, 3)."""
-    if len(values):
-        _write(mesh.attributes["position"], values)
+def read_attribute(attribute: bpy.types.Attribute) -> np.ndarray:
+    """All values (n, k) of an attribute."""
+    name, components, dtype = _KINDS[attribute.data_type]
+    out = np.empty((len(attribute.data), components), dtype)
+    if len(out):
+        attribute.data.foreach_get(name, out.ravel())
+    return out
 
 
 def write_attribute(
@@ -48,12 +61,8 @@ def write_attribute(
     if attribute is None:
         attribute = mesh.attributes.new(name, kind, domain)
     if len(values):
-        _write(attribute, values)
-
-
-def _write(attribute: bpy.types.Attribute, values: np.ndarray) -> None:
-    flat = np.ascontiguousarray(values, np.int32 if attribute.data_type == "INT" else np.float32)
-    attribute.data.foreach_set(_FIELD[attribute.data_type], flat.ravel())
+        field, _, dtype = _KINDS[kind]
+        attribute.data.foreach_set(field, np.ascontiguousarray(values, dtype).ravel())
 
 
 def write_image(image: bpy.types.Image, pixels: np.ndarray) -> None:

@@ -5,22 +5,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import bmesh
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from .. import optics
-from .arrays import edges, positions, write_attribute, write_positions
+from .arrays import write_attribute
 from .glasses import Glass, unbounded
 from .modifier_inputs import write_input
+from .mesh_arrays import SourceMesh, read_source_mesh, write_mesh
 from .sources import Piece, world_positions
 from .tessellation import (
     Images,
-    interpolation_gaps,
+    Triangles,
+    edge_images,
+    face_boxes,
     overlaps,
     refine,
     region_probe,
+    view_pixels,
 )
 from .viewpoint import Viewpoint
 
@@ -55,8 +57,11 @@ class Solver:
 
     def images(self, points: np.ndarray) -> Images:
         """The same in the world."""
-        found = self(points)
-        return Images(self.glass.points_to_world(found.position), found.valid)
+        return self.in_world(self(points))
+
+    def in_world(self, found: optics.ApparentPoints) -> Images:
+        """A result taken from the glass's frame to the world."""
+        return Images(self.glass.points_to_world(found.position), found.valid, found.stretch)
 
 
 @dataclass
@@ -68,6 +73,7 @@ class Written:
     vertices : of the source (refined if it was), 0 if it cannot be seen in the region.
     bound_px : the largest gap between a straight image edge and the true image.
     refined : the carrier holds the mesh itself.
+    found : where the source's own vertices appear, the next solve's first guess.
     """
 
     vertices: int
@@ -91,103 +97,124 @@ def write_copy(
     ----------
     carried : Geometry Nodes can take the source's mesh; else the carrier must hold it.
     rect : pixels that the glass covers; what appears beside them is left out.
-    max_gap_px : edges that miss the true image by more are subdivided.
+    max_gap_px : triangles whose edges miss the true image by more are split.
     guess : the last result for the same vertices.
     """
     view = solver.view
     points = world_positions(parts)
-    mesh = copy.data
     if not len(points):
-        _write_carrier(mesh, np.empty((0, 3)), np.empty(0), np.empty((0, 4)))
+        _write_carrier(copy.data, np.empty((0, 3)), np.empty(0), np.empty((0, 4)))
         return Written(0, 0.0, False, None)
     if guess is not None and guess.valid.shape[1] != len(points):
         guess = None
     found = solver(points, guess)
-    images = Images(solver.glass.points_to_world(found.position), found.valid)
-    pairs = _edge_pairs(parts)
-    gap, _, box = interpolation_gaps(points, pairs, images, solver.images, view)
-    near = overlaps(box, rect)
-    bound = float(gap[near].max(initial=0.0))
-    could_hide_more = len(points) < 10_000 and not images.valid.all()
-    seen = near.any() or (images.valid.any() and not len(pairs))
-    if (seen and (bound > max_gap_px or not carried)) or could_hide_more:
+    source = read_source_mesh(parts)
+    triangles = Triangles.whole(source.points, source.corners)
+    images = solver.in_world(found)
+    visible, bound = _check(triangles, images, solver, rect)
+    if (visible and (bound > max_gap_px or not carried)) or _may_hide_more(triangles, images):
         probe = region_probe(solver.glass, view, solver.path, rect)
-        bound = refine(parts, mesh, solver.images, probe, view, rect, max_gap_px)
-        points = positions(mesh).astype(float)
-        found = solver(points)
-        images = Images(solver.glass.points_to_world(found.position), found.valid)
-        if images.valid.any():
-            _repeat_slots(mesh, _used_slots(images.valid))
-            _write_slots(copy, points, images, view, keep_mesh=True)
-            return Written(len(points), bound, True, None)
-        seen = False
-    if not seen:
-        _write_carrier(mesh, np.empty((0, 3)), np.empty(0), np.empty((0, 4)))
+        refined = refine(triangles, solver.images, probe, view, rect, max_gap_px)
+        if refined.visible:
+            points = refined.triangles.points
+            images = solver.images(points)
+            _write_refined(copy, source, refined.triangles, images, view)
+            return Written(len(points), refined.bound_px, True, None)
+        visible = False
+    if not visible:
+        _write_carrier(copy.data, np.empty((0, 3)), np.empty(0), np.empty((0, 4)))
         return Written(0, 0.0, False, found)
-    _write_slots(copy, points, images, view, keep_mesh=False)
+    slots = _used_slots(images.valid)
+    _write_carrier(copy.data, *_slot_values(points, images, slots, triangles, view))
+    write_input(copy.modifiers[0], "Slots", max(1, len(slots)))
     return Written(len(points), bound, False, found)
 
 
 def write_true_mesh(obj: bpy.types.Object, parts: list[Piece]) -> None:
     """Write the pieces, where they are, into the object's own mesh (for sources not carried)."""
-    joined = bmesh.new()
-    try:
-        for part in parts:
-            joined.from_mesh(part.mesh)
-            joined.verts.ensure_lookup_table()
-            new = joined.verts[-len(part.mesh.vertices) :]
-            bmesh.ops.transform(joined, matrix=Matrix(part.to_world.tolist()), verts=new)
-        joined.to_mesh(obj.data)
-    finally:
-        joined.free()
-    obj.data.update()
+    source = read_source_mesh(parts)
+    write_mesh(obj.data, source, Triangles.whole(source.points, source.corners))
+    obj.data.update_tag()
 
 
-def _edge_pairs(parts: list[Piece]) -> np.ndarray:
-    start, found = 0, []
-    for part in parts:
-        found.append(edges(part.mesh) + start)
-        start += len(part.mesh.vertices)
-    return np.concatenate(found)
+def _check(triangles: Triangles, images: Images, solver: Solver, rect) -> tuple[bool, float]:
+    """Whether any of it appears in the rectangle, and the largest gap of an edge there."""
+    if not images.valid.any():
+        return False, 0.0
+    edges, triangle_edges = triangles.edges()
+    middles = solver.images(triangles.points[edges].mean(axis=1))
+    found = edge_images(triangles.points, edges, images, middles, solver.view)
+    faces = overlaps(face_boxes(found.box, triangle_edges), rect)
+    near = np.zeros(len(edges), bool)
+    near[triangle_edges[faces].ravel()] = True
+    return bool(faces.any()), float(found.gap[near].max(initial=0.0))
 
 
-def _used_slots(valid: np.ndarray) -> int:
-    used = np.nonzero(valid.any(axis=1))[0]
-    return int(used[-1]) + 1 if len(used) else 0
+def _may_hide_more(triangles: Triangles, images: Images) -> bool:
+    """Whether large faces may be seen although none of their vertices is."""
+    return len(triangles.points) < 10_000 and not images.valid.any(axis=0).all()
 
 
-def _repeat_slots(mesh: bpy.types.Mesh, slots: int) -> None:
-    """Repeat the mesh itself once an image slot."""
-    if slots < 2:
-        return
-    joined = bmesh.new()
-    try:
-        for _ in range(slots):
-            joined.from_mesh(mesh)
-        joined.to_mesh(mesh)
-    finally:
-        joined.free()
+def _used_slots(valid: np.ndarray) -> np.ndarray:
+    return np.nonzero(valid.any(axis=1))[0]
 
 
-def _write_slots(
-    copy: bpy.types.Object, points: np.ndarray, images: Images, view: Viewpoint, keep_mesh: bool
+def _slot_values(points, images: Images, slots, triangles: Triangles, view: Viewpoint):
+    """Places (S N, 3), seen flags (S N,) and lookups (S N, 4) of the used slots, one by one."""
+    where = images.position[slots].reshape(-1, 3)
+    seen = np.stack([_seen(images, slot, triangles, view) for slot in slots])
+    return where, seen.reshape(-1), np.tile(view.clip(points), (len(slots), 1))
+
+
+def _seen(images: Images, slot: int, triangles: Triangles, view: Viewpoint) -> np.ndarray:
+    """1 for vertices with an image, 0 for those placed on the fold near such a one.
+
+    A vertex without an image that lies far from the images of its neighbours says nothing about
+    where the surface ends: no face may hang on it.
+    """
+    valid = images.valid[slot]
+    seen = valid.astype(np.float64)
+    corners = triangles.corners
+    mixed = valid[corners].any(axis=1) & ~valid[corners].all(axis=1)
+    if mixed.any():
+        part = corners[mixed]
+        places = view_pixels(view, images.position[slot])[part]
+        good = valid[part][..., None]
+        low = np.where(good, places, np.inf).min(axis=1, keepdims=True)
+        high = np.where(good, places, -np.inf).max(axis=1, keepdims=True)
+        away = np.maximum(low - places, places - high).max(axis=2)
+        far = (away > MAX_REACH_PX) & ~valid[part]
+        seen[part[far]] = -1e3
+    return seen
+
+
+MAX_REACH_PX = 8.0
+"""How far a face may reach beyond its vertices that have an image."""
+
+
+def _write_refined(
+    copy, source: SourceMesh, triangles: Triangles, images: Images, view: Viewpoint
 ) -> None:
+    """Write the refined mesh, once an image slot, into the carrier."""
     slots = _used_slots(images.valid)
-    lookup = np.tile(view.clip(points), (slots, 1))
-    where = images.position[:slots].reshape(-1, 3)
-    # A source that reaches through an interface has its parts in different slots; what a slot
-    # says beyond the interface means nothing, so no face may hang on it.
-    beyond = -1e3 if images.valid.any(axis=1).sum() > 1 else 0.0
-    seen = np.where(images.valid[:slots].reshape(-1), 1.0, beyond)
-    _write_carrier(copy.data, where, seen, lookup, keep_mesh=keep_mesh)
-    write_input(copy.modifiers[0], "Slots", max(1, slots))
+    count, number = len(triangles.points), len(slots)
+    repeated = Triangles(
+        np.tile(triangles.points, (number, 1)),
+        np.concatenate([triangles.corners + k * count for k in range(number)]),
+        np.tile(triangles.origin, number),
+        np.tile(triangles.weights, (number, 1, 1)),
+    )
+    write_mesh(copy.data, source, repeated)
+    values = _slot_values(triangles.points, images, slots, triangles, view)
+    _write_carrier(copy.data, *values, keep_mesh=True)
 
 
 def _write_carrier(mesh, where, seen, lookup, *, keep_mesh: bool = False) -> None:
     if not keep_mesh and (len(mesh.vertices) != len(where) or len(mesh.edges)):
         mesh.clear_geometry()
         mesh.vertices.add(len(where))
-    write_positions(mesh, where)
+    if len(where):
+        write_attribute(mesh, "position", where, "FLOAT_VECTOR")
     write_attribute(mesh, "rg_seen", seen, "FLOAT")
     write_attribute(mesh, "rg_lookup", lookup, "FLOAT_COLOR")
     mesh.update()

@@ -1,34 +1,43 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sources with long edges, subdivided where their straight images would miss the true ones."""
+"""Triangles split where their straight images would miss the true ones.
+
+Pure arrays: a source's triangles go in, smaller triangles come out, each with the source triangle
+that it is a part of and the barycentric coordinates of its corners there, from which
+``mesh_arrays`` makes every attribute. A triangle is split at the middles of its edges and an edge
+is shared by its triangles, so no cracks open.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import bmesh
-import bpy
 import numpy as np
-from mathutils import Matrix
 
 from .. import optics
-from .arrays import corner_normals, edges, positions
-from .sources import Piece
 from .viewpoint import Viewpoint
 
-MAX_VERTICES = 400_000
+MAX_VERTICES = 200_000
 """Refinement stops here; the bound that is reported then tells what was reached."""
-MAX_ROUNDS = 16
+MAX_ROUNDS = 18
 SHORT_EDGE_PX = 1.0
 """An edge whose ends appear this near to each other is not split, whatever lies between them."""
+ACROSS_PX = 3.0
+"""The same for an edge that passes through an interface of the glass."""
 
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """Where points appear along one path: world positions (B, N, 3) and whether they do (B, N)."""
+    """Where points appear along one path.
+
+    Attributes
+    ----------
+    position : (B, N, 3) in the world. valid : (B, N). stretch : (B,) of the path.
+    """
 
     position: np.ndarray
     valid: np.ndarray
+    stretch: np.ndarray
 
 
 Solve = Callable[[np.ndarray], Images]
@@ -45,158 +54,279 @@ class Probe:
     direction: np.ndarray
 
 
-def interpolation_gaps(
-    points: np.ndarray, pairs: np.ndarray, images: Images, solve: Solve, view: Viewpoint
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How far the middle of each edge's straight image lies from the image of its middle.
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Parts of source triangles.
 
-    Second order in the edge's length (optics notes, section 6). Where an end has no image the
-    place on the fold stands for it.
-
-    Parameters
+    Attributes
     ----------
-    points : (N, 3) world. pairs : (E, 2) vertex indices. images : of ``points``.
-
-    Returns
-    -------
-    gap : (E,) pixels, the largest over the image slots; 0 where neither ends nor middle are seen.
-    length : (E,) pixels between the images of the ends, the largest over the slots; infinite
-        where only the middle is seen.
-    box : (E, 4) pixels: the low and high corner of the images of ends and middle.
+    points : (N, 3) float64, world. corners : (T, 3) indices of points.
+    origin : (T,) the source triangle. weights : (T, 3, 3) the corners' barycentric coordinates in
+        it.
     """
-    middles = solve(0.5 * (points[pairs[:, 0]] + points[pairs[:, 1]]))
-    # Where a source reaches through an interface, its parts are in different slots, and a face
-    # across the interface shows in both: such edges are gaps themselves.
-    several = images.valid.any(axis=1).sum() > 1
-    direct = np.linalg.norm(
-        np.diff(_pixels(view, points).reshape(-1, 2)[pairs], axis=1)[:, 0], axis=1
-    )
-    gap = np.zeros(len(pairs))
-    length = np.zeros(len(pairs))
-    low, high = np.full((len(pairs), 2), np.inf), np.full((len(pairs), 2), -np.inf)
-    for slot in range(min(len(images.valid), len(middles.valid))):
-        ends = images.position[slot][pairs]
-        both = images.valid[slot][pairs]
-        seen = both.any(axis=1) | middles.valid[slot]
-        chord = _pixels(view, ends.mean(axis=1))
-        first, second = _pixels(view, ends[:, 0]), _pixels(view, ends[:, 1])
-        middle = _pixels(view, middles.position[slot])
+
+    points: np.ndarray
+    corners: np.ndarray
+    origin: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def whole(cls, points: np.ndarray, corners: np.ndarray) -> Triangles:
+        """The source triangles themselves."""
+        count = len(corners)
+        weights = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
+        return cls(points, corners, np.arange(count), weights)
+
+    def edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """The distinct edges (E, 2), and each triangle's edges (T, 3): 01, 12 and 20."""
+        sides = self.corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        sides = np.sort(sides, axis=1)
+        keys = sides[:, 0].astype(np.int64) * len(self.points) + sides[:, 1]
+        _, first, number = np.unique(keys, return_index=True, return_inverse=True)
+        return sides[first], number.reshape(-1, 3)
+
+    def split(self, edges: np.ndarray, triangle_edges: np.ndarray, chosen: np.ndarray) -> Triangles:
+        """Split the chosen edges (E,) bool at their middles, and the triangles that have them."""
+        middle = np.full(len(edges), -1)
+        middle[chosen] = len(self.points) + np.arange(chosen.sum())
+        points = np.concatenate((self.points, self.points[edges[chosen]].mean(axis=1)))
+        new = middle[triangle_edges]
+        count = (new >= 0).sum(axis=1)
+        parts = [_Parts(self, count == 0).kept()]
+        for number, way in ((1, _ONE), (2, _TWO), (3, _THREE)):
+            which = np.nonzero(count == number)[0]
+            if len(which):
+                parts.append(_Parts(self, which).cut(new[which], number, way))
+        corners, origin, weights = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return Triangles(points, corners, origin, weights)
+
+
+# Corners 0, 1, 2 and edge middles 3 (of 01), 4 (of 12), 5 (of 20); turned so that one split edge
+# is 01, and two are 01 and 12.
+_ONE = ((0, 3, 2), (3, 1, 2))
+_TWO = ((3, 1, 4), (0, 3, 2), (3, 4, 2))
+_THREE = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
+
+
+class _Parts:
+    """Some triangles of a set on their way through a split."""
+
+    def __init__(self, triangles: Triangles, which: np.ndarray) -> None:
+        self.corners = triangles.corners[which]
+        self.origin = triangles.origin[which]
+        self.weights = triangles.weights[which]
+
+    def kept(self):
+        return self.corners, self.origin, self.weights
+
+    def cut(self, new: np.ndarray, number: int, way):
+        """Apply a pattern; ``new`` (K, 3): index of each edge's middle, or -1."""
+        if number == 1:
+            turn = np.argmax(new >= 0, axis=1)
+        elif number == 2:
+            turn = (np.argmax(new < 0, axis=1) + 1) % 3
+        else:
+            turn = np.zeros(len(new), int)
+        order = (turn[:, None] + np.arange(3)) % 3
+        rows = np.arange(len(new))[:, None]
+        six = np.concatenate((self.corners[rows, order], new[rows, order]), axis=1)
+        weights = self.weights[rows, order]
+        middles = 0.5 * (weights + weights[:, [1, 2, 0]])
+        weights = np.concatenate((weights, middles), axis=1)
+        pattern = np.array(way)
+        repeated = np.repeat(self.origin, len(pattern))
+        return (
+            six[:, pattern].reshape(-1, 3),
+            repeated,
+            weights[:, pattern].reshape(-1, 3, 3),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeImages:
+    """How edges appear.
+
+    Attributes
+    ----------
+    gap : (E,) pixels between the middle of the straight image and the image of the middle
+        (optics notes, section 6), the largest over the slots; 0 where nothing of the edge is seen.
+    length : (E,) pixels between the images of the ends; infinite where only the middle is seen.
+    box : (E, 4) pixels: low and high corner of what is seen; low > high where nothing is.
+    across : (E,) the edge passes through an interface of the glass.
+    """
+
+    gap: np.ndarray
+    length: np.ndarray
+    box: np.ndarray
+    across: np.ndarray
+
+
+def edge_images(
+    points: np.ndarray, edges: np.ndarray, ends: Images, middles: Images, view: Viewpoint
+) -> EdgeImages:
+    """How the edges (E, 2) of points (N, 3) appear, from the images of points and edge middles."""
+    count = len(edges)
+    gap, length = np.zeros(count), np.zeros(count)
+    low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+    across = np.zeros(count, bool)
+    several = len(np.unique(ends.stretch[ends.valid.any(axis=1)])) > 1
+    direct = view_pixels(view, points)
+    direct_length = np.linalg.norm(direct[edges[:, 1]] - direct[edges[:, 0]], axis=1)
+    names = _slot_names(middles)
+    for slot, name in enumerate(_slot_names(ends)):
+        valid = ends.valid[slot][edges]
+        if name in names:
+            middle_valid = middles.valid[names.index(name)]
+            middle_place = middles.position[names.index(name)]
+        else:
+            middle_valid = np.zeros(count, bool)
+            middle_place = ends.position[slot][edges].mean(axis=1)
+        seen = valid.any(axis=1) | middle_valid
+        if not seen.any():
+            continue
+        places = view_pixels(view, ends.position[slot])
+        first, second = places[edges[:, 0]], places[edges[:, 1]]
+        middle = view_pixels(view, middle_place)
+        chord = view_pixels(view, ends.position[slot][edges].mean(axis=1))
         off = np.linalg.norm(middle - chord, axis=1)
         apart = np.linalg.norm(second - first, axis=1)
-        # Only its middle is seen: nothing tells yet how long the edge's image is.
-        apart = np.where(both.any(axis=1), apart, np.where(middles.valid[slot], np.inf, 0.0))
+        apart = np.where(valid.any(axis=1), apart, np.inf)
         if several:
-            # Beyond the interface a slot's places mean little: take the edge as it stands.
-            across = both[:, 0] != both[:, 1]
-            off, apart = np.where(across, direct, off), np.where(across, direct, apart)
+            # Where a source reaches through an interface its parts are in different slots, and
+            # what a slot says beyond the interface means little: take the edge as it stands.
+            here = valid[:, 0] != valid[:, 1]
+            across |= here
+            off = np.where(here, direct_length, off)
+            apart = np.where(here, direct_length, apart)
         gap = np.maximum(gap, np.where(seen, off, 0.0))
-        length = np.maximum(length, apart)
-        ends_count = both.any(axis=1)
-        if several:
-            first = np.where(both[:, :1], first, middle)
-            second = np.where(both[:, 1:], second, middle)
-        for corner, counts in ((first, ends_count), (second, ends_count), (middle, seen)):
+        length = np.maximum(length, np.where(seen, apart, 0.0))
+        smooth = valid.any(axis=1) & ~(several & (valid[:, 0] != valid[:, 1]))
+        for corner, counts in (
+            (first, smooth | valid[:, 0]),
+            (second, smooth | valid[:, 1]),
+            (middle, middle_valid),
+        ):
             low = np.where(counts[:, None], np.minimum(low, corner), low)
             high = np.where(counts[:, None], np.maximum(high, corner), high)
-    return gap, length, np.concatenate((low, high), axis=1)
+    return EdgeImages(gap, length, np.concatenate((low, high), axis=1), across)
 
 
-def _pixels(view: Viewpoint, points: np.ndarray) -> np.ndarray:
+def view_pixels(view: Viewpoint, points: np.ndarray) -> np.ndarray:
+    """Pixel coordinates (N, 2), finite also for points behind the eye (then far off the picture)."""
     clip = view.clip(points)
-    w = np.where(clip[:, 2] > 1e-12, clip[:, 2], 1e-12)
-    return np.clip(clip[:, :2] / w[:, None] * view.size, -1e6, 1e6)
+    w = np.where(clip[:, 2] > 1e-9, clip[:, 2], 1e-9)
+    return np.clip(clip[:, :2] / w[:, None] * view.size, -1e5, 1e5)
+
+
+def face_boxes(box: np.ndarray, triangle_edges: np.ndarray) -> np.ndarray:
+    """Boxes (T, 4) round the seen parts of the triangles' edges."""
+    return np.concatenate(
+        (box[triangle_edges, :2].min(axis=1), box[triangle_edges, 2:].max(axis=1)), axis=1
+    )
 
 
 def overlaps(box: np.ndarray, rect: tuple[int, int, int, int]) -> np.ndarray:
-    """Which boxes (E, 4), low and high corner, meet the pixel rectangle."""
+    """Which boxes (K, 4), low and high corner, meet the pixel rectangle."""
     return (
-        (box[:, 0] < rect[2]) & (box[:, 2] > rect[0]) & (box[:, 1] < rect[3]) & (box[:, 3] > rect[1])
+        (box[:, 0] < rect[2])
+        & (box[:, 2] > rect[0])
+        & (box[:, 1] < rect[3])
+        & (box[:, 3] > rect[1])
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """What a refinement ended with: the triangles, and the largest gap left in the rectangle."""
+
+    triangles: Triangles
+    bound_px: float
+    visible: bool
+
+
 def refine(
-    parts: list[Piece],
-    mesh: bpy.types.Mesh,
+    triangles: Triangles,
     solve: Solve,
     probe: Probe,
     view: Viewpoint,
     rect: tuple[int, int, int, int],
     tolerance_px: float,
-) -> float:
-    """Write the pieces, joined in world space and subdivided, into ``mesh``.
+) -> Refined:
+    """Split triangles until no edge's image in ``rect`` misses the true one by more than tolerated.
 
-    Triangles are split at the edges' middles, and an edge is shared by its triangles, so no cracks
-    open. All attributes are interpolated (bmesh); the original corner normals end up in
-    ``rg_normal``.
-
-    Returns
-    -------
-    float : the largest gap in pixels that is left inside ``rect``.
+    Every point is solved once: the middle of an edge that is split becomes a vertex.
     """
-    joined = bmesh.new()
-    try:
-        for part in parts:
-            start = len(joined.verts)
-            joined.from_mesh(part.mesh)
-            joined.verts.ensure_lookup_table()
-            bmesh.ops.transform(
-                joined, matrix=Matrix(part.to_world.tolist()), verts=joined.verts[start:]
-            )
-        bmesh.ops.triangulate(joined, faces=joined.faces[:])
-        worst = 0.0
-        for _ in range(MAX_ROUNDS):
-            joined.to_mesh(mesh)
-            split, worst = _edges_to_split(mesh, solve, probe, view, rect, tolerance_px)
-            if not len(split) or len(joined.verts) + len(split) > MAX_VERTICES:
-                break
-            joined.edges.ensure_lookup_table()
-            bmesh.ops.subdivide_edges(
-                joined, edges=[joined.edges[i] for i in split], cuts=1, use_grid_fill=True
-            )
-            bmesh.ops.triangulate(joined, faces=[f for f in joined.faces if len(f.verts) > 3])
-    finally:
-        joined.free()
-    normals = corner_normals(mesh)
-    attribute = mesh.attributes.new("rg_normal", "FLOAT_VECTOR", "CORNER")
-    attribute.data.foreach_set("vector", normals.ravel())
-    return worst
+    ends = solve(triangles.points)
+    known: dict[tuple[int, int], int] = {}
+    middles = _empty(ends)
+    worst, visible = 0.0, False
+    for _ in range(MAX_ROUNDS):
+        edges, triangle_edges = triangles.edges()
+        keys = [tuple(e) for e in edges.tolist()]
+        new = np.array([number for number, key in enumerate(keys) if key not in known], int)
+        if len(new):
+            start = middles.valid.shape[1]
+            middles = _joined(middles, solve(triangles.points[edges[new]].mean(axis=1)))
+            known.update((keys[n], start + k) for k, n in enumerate(new.tolist()))
+        place = np.array([known[key] for key in keys], int)
+        here = _taken(middles, place)
+        found = edge_images(triangles.points, edges, ends, here, view)
+        faces = face_boxes(found.box, triangle_edges)
+        near = np.zeros(len(edges), bool)
+        near[triangle_edges[overlaps(faces, rect)].ravel()] = True
+        long = found.length > np.where(found.across, ACROSS_PX, SHORT_EDGE_PX)
+        worst = float(found.gap[near & long & ~found.across].max(initial=0.0))
+        visible = bool(near.any())
+        chosen = near & long & (found.gap > tolerance_px)
+        # A large face may be seen only somewhere in its middle: ask the rays.
+        unseen = np.nonzero(faces[:, 0] > faces[:, 2])[0]
+        met = unseen[_met_by(probe, triangles.points[triangles.corners[unseen]])]
+        chosen[triangle_edges[met].ravel()] = True
+        if not chosen.any() or len(triangles.points) + chosen.sum() > MAX_VERTICES:
+            break
+        triangles = triangles.split(edges, triangle_edges, chosen)
+        ends = _joined(ends, _taken(here, np.nonzero(chosen)[0]))
+    return Refined(triangles, worst, visible)
 
 
-def _edges_to_split(mesh, solve, probe, view, rect, tolerance_px) -> tuple[np.ndarray, float]:
-    """Indices of the edges to split, and the largest gap inside the rectangle."""
-    points = positions(mesh).astype(float)
-    pairs = edges(mesh)
-    images = solve(points)
-    gap, length, box = interpolation_gaps(points, pairs, images, solve, view)
-    corners = np.empty(len(mesh.loops), np.int32)
-    mesh.loops.foreach_get("vertex_index", corners)
-    corner_edges = np.empty(len(mesh.loops), np.int32)
-    mesh.loops.foreach_get("edge_index", corner_edges)
-    triangles, triangle_edges = corners.reshape(-1, 3), corner_edges.reshape(-1, 3)
+def _slot_names(images: Images) -> list[tuple[int, int]]:
+    """(stretch, number within it) of each slot: what a slot is called from one call to the next."""
+    names, counts = [], {}
+    for stretch in images.stretch.tolist():
+        names.append((stretch, counts.get(stretch, 0)))
+        counts[stretch] = counts.get(stretch, 0) + 1
+    return names
 
-    # A face counts where the box round its images meets the glass's rectangle.
-    face_box = np.concatenate(
-        (box[triangle_edges, :2].min(axis=1), box[triangle_edges, 2:].max(axis=1)), axis=1
-    )
-    near = np.zeros(len(pairs), bool)
-    near[triangle_edges[overlaps(face_box, rect)].ravel()] = True
-    wrong = near & (gap > tolerance_px)
-    long = length > SHORT_EDGE_PX
-    split = wrong & long
 
-    # A face may be seen only somewhere in its middle: ask the rays.
-    unseen = ~images.valid.any(axis=0)[triangles].any(axis=1)
-    unseen &= ~np.isfinite(box[triangle_edges, 0]).any(axis=1)
-    candidates = np.nonzero(unseen)[0]
-    met = candidates[_met_by(probe, points[triangles[candidates]])]
-    split[triangle_edges[met].ravel()] = True
-    return np.nonzero(split)[0], float(gap[near & long].max(initial=0.0))
+def _empty(like: Images) -> Images:
+    slots = len(like.stretch)
+    return Images(np.empty((slots, 0, 3)), np.empty((slots, 0), bool), like.stretch)
+
+
+def _taken(images: Images, which: np.ndarray) -> Images:
+    return Images(images.position[:, which], images.valid[:, which], images.stretch)
+
+
+def _joined(first: Images, second: Images) -> Images:
+    """Images of the points of both, slot by slot; a slot that one lacks has no images there."""
+    names = sorted({*_slot_names(first), *_slot_names(second)})
+    total = first.valid.shape[1] + second.valid.shape[1]
+    position = np.zeros((len(names), total, 3))
+    valid = np.zeros((len(names), total), bool)
+    start = 0
+    for images in (first, second):
+        end = start + images.valid.shape[1]
+        for slot, name in enumerate(_slot_names(images)):
+            position[names.index(name), start:end] = images.position[slot]
+            valid[names.index(name), start:end] = images.valid[slot]
+        start = end
+    return Images(position, valid, np.array([name[0] for name in names]))
 
 
 def _met_by(probe: Probe, corners: np.ndarray) -> np.ndarray:
     """Which triangles (T, 3, 3) a ray of the probe meets (Moeller and Trumbore 1997)."""
     met = np.zeros(len(corners), bool)
-    block = max(1, 2_000_000 // max(1, len(probe.origin)))
+    block = max(1, 500_000 // max(1, len(probe.origin)))
     for start in range(0, len(corners), block):
         a, b, c = (corners[start : start + block, k] for k in range(3))
         first, second = b - a, c - a
