@@ -3,6 +3,7 @@
 from .apparent import apparent_points
 from .glasses import CylinderGlass, FlatGlass, SphereGlass
 from .images import ApparentPoints
+from .interpolation import edge_gaps, edges_to_split, triangle_gaps
 from .laws import fresnel, reflect, refract
 from .media import MEDIA
 from .paths import LightPath, ParallelView
@@ -19,10 +20,13 @@ __all__ = [
     "SphereGlass",
     "TracedRays",
     "apparent_points",
+    "edge_gaps",
+    "edges_to_split",
     "fresnel",
     "light_paths",
     "path_weights",
     "reflect",
     "refract",
     "trace",
+    "triangle_gaps",
 ]

@@ -72,28 +72,35 @@ def apparent_points(
             found, steps = solve(glass, eye, branch, stretch, some, tolerance, guess)
             slots += found
             iterations = max(iterations, steps)
-    slots.sort(key=lambda slot: slot[0])
+    slots = sorted((slot for slot in slots if slot[4].any()), key=lambda slot: slot[0])
     return _gather(slots, finite, eye, len(path), iterations)
 
 
 def _blank(count, eye):
+    """A slot's image where there is none: direction, distance, position, valid, residual."""
+    parallel = isinstance(eye, ParallelView)
     direction = np.zeros((count, 3))
-    direction[:] = eye.direction if isinstance(eye, ParallelView) else (0.0, 0.0, -1.0)
-    position = np.zeros((count, 3)) if isinstance(eye, ParallelView) else np.tile(eye, (count, 1))
+    direction[:] = eye.direction if parallel else (0.0, 0.0, -1.0)
+    position = np.zeros((count, 3))
+    position[:] = 0.0 if parallel else eye
     return direction, np.zeros(count), position, np.zeros(count, dtype=bool), np.zeros(count)
 
 
-def _gather(slots, finite, eye, stretches, iterations):
-    shown = [slot for slot in slots if slot[4].any()] or [(stretches, *_blank(finite.sum(), eye))]
-    columns = []
-    for field, blank in enumerate(_blank(len(finite), eye)):
-        column = np.repeat(blank[None], len(shown), axis=0)
-        for row, slot in enumerate(shown):
-            column[row, finite] = slot[field + 1]
-        columns.append(column)
-    return ApparentPoints(
-        *columns, np.array([slot[0] for slot in shown], dtype=np.intp), iterations
-    )
+def _gather(slots, finite, eye, last, iterations):
+    """One record of all slots; at least one slot, so that row 0 always exists."""
+    slots = slots or [((last, (), 1, 0, 0, 0), *_blank(int(finite.sum()), eye))]
+    if len(slots) == 1 and finite.all():
+        columns = [column[None] for column in slots[0][1:]]
+    else:
+        columns = []
+        for number, blank in enumerate(_blank(len(finite), eye)):
+            column = np.repeat(blank[None], len(slots), axis=0)
+            for row, slot in enumerate(slots):
+                column[row, finite] = slot[number + 1]
+            columns.append(column)
+    sheets = tuple(slot[0] for slot in slots)
+    stretch = np.array([sheet[0] for sheet in sheets], dtype=np.intp)
+    return ApparentPoints(*columns, stretch, iterations, sheets)
 
 
 def _flat_slots(glass, eye, branch, stretch, points, tolerance, guess):
@@ -121,7 +128,14 @@ def _flat_slots(glass, eye, branch, stretch, points, tolerance, guess):
         for at_x, at_y in passage.crossings(x, lateral, way, unit_x, unit_y, points):
             valid = valid & inside_outline(glass.outline, np.stack([at_x, at_y], axis=-1))
     return [
-        (stretch, image.direction, image.distance, image.position, valid, image.residual)
+        (
+            (stretch, branch.interfaces, 1, 0, 0, 0),
+            image.direction,
+            image.distance,
+            image.position,
+            valid,
+            image.residual,
+        )
     ], int(steps.max(initial=0))
 
 
@@ -149,9 +163,7 @@ def _coaxial_slots(glass, eye, branch, stretch, points, tolerance, guess):
     def search(block: slice) -> None:
         index = left[block]
         part = [target[index] for target in targets]
-        legs = [
-            Leg(Curves(passage, side, *part), 1 if single else CELLS) for side in passage.sides
-        ]
+        legs = [Leg(Curves(passage, side, *part), 1 if single else CELLS) for side in passage.sides]
         found.append((index, _sorted_roots(passage, legs)))
         blocks.append((index, [Placing(leg) for leg in legs]))
 
@@ -185,7 +197,7 @@ def _coaxial_slots(glass, eye, branch, stretch, points, tolerance, guess):
         image, _ = passage.image(ell, zeta, *targets, points, side)
         # No ray is tilted enough for targets too high; they were left at the edge of the domain.
         valid = has & candidates & passage.taken(ell, zeta)
-        valid &= image.residual <= MISS * (image.distance + passage.frame.scale)
+        valid &= image.residual <= max(MISS, tolerance) * (image.distance + passage.frame.scale)
         extent = getattr(glass, "extent", None)
         if extent is not None:
             low = 0.0 if passage.frame.eye is None else passage.frame.eye[2]
@@ -193,10 +205,20 @@ def _coaxial_slots(glass, eye, branch, stretch, points, tolerance, guess):
             for level in passage.crossings(ell, zeta, *targets):
                 valid &= (level >= low) & (level <= high)
         slots.append(
-            (stretch, image.direction, image.distance, image.position, valid, image.residual)
+            (
+                (stretch, branch.interfaces, *key),
+                image.direction,
+                image.distance,
+                image.position,
+                valid,
+                image.residual,
+            )
         )
     return slots, steps
 
+
+SMALL = 0.003
+"""A last step of SMALL · √tolerance leaves an error well below the tolerance (Newton squares it)."""
 
 MISS = 1e-9
 """Residual in parts of the distance beyond which a ray does not count as passing a point."""
@@ -218,14 +240,14 @@ def _straight_newton(passage, targets, tolerance):
             passage,
             passage.start(x, y, z),
             (x, y, z),
-            small=min(1e-7, 0.1 * tolerance**0.5) if tolerance < 1e-8 else 0.1 * tolerance**0.5,
+            small=SMALL * tolerance**0.5,
             most=12,
         )
         line = passage.follow(here_ell, here_zeta, slopes=False)
         along, across, rise, _ = line.misses(x, y, z)
         if passage.frame.zeta is not None:
             rise = 0.0
-        near = np.abs(across) + np.abs(rise) <= MISS * (1.0 + np.abs(line.length))
+        near = np.abs(across) + np.abs(rise) <= max(MISS, tolerance) * (1.0 + line.length)
         here_side = np.where(along < 0.0, -1.0, 1.0)
         near &= np.isin(here_side, passage.sides) & (steps <= 12)
         ell[block], zeta[block], side[block], done[block] = here_ell, here_zeta, here_side, near
@@ -242,9 +264,7 @@ def _sorted_roots(passage, legs):
     for leg in legs:
         roots = leg.roots()
         side = leg.curves.side
-        ell, zeta = leg.curves.take(roots.index).invariants(
-            roots.tau, roots.tangent, roots.mirror
-        )
+        ell, zeta = leg.curves.take(roots.index).invariants(roots.tau, roots.tangent, roots.mirror)
         upright = roots.rising == (passage.orientation(side) > 0)
         ranks = rank_of(roots.piece, roots.mirror)
         keys = np.stack([upright, ranks, roots.winding], axis=-1).astype(int)

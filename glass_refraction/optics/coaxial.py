@@ -237,9 +237,13 @@ class Passage:
         that take the whole path.
         """
         least = at = None
-        for n2, r2 in self.limits if target_radius2 is None else (
-            *self.limits,
-            (self.ior * self.ior, target_radius2),
+        for n2, r2 in (
+            self.limits
+            if target_radius2 is None
+            else (
+                *self.limits,
+                (self.ior * self.ior, target_radius2),
+            )
         ):
             value = (n2 - zeta2) * r2
             if least is None:
@@ -473,9 +477,11 @@ class Passage:
                     ends.append(-side * np.inf)  # the target itself is the limit there
                 else:
                     ends.append(self._moments((target,), tilt, least, exponents))
-            if not any((sign * (fixed + end) >= -1e-12).all() for sign in (-1, 1) for end in [
-                ends[1] if sign == -side else ends[0]
-            ]):
+            if not any(
+                (sign * (fixed + end) >= -1e-12).all()
+                for sign in (-1, 1)
+                for end in [ends[1] if sign == -side else ends[0]]
+            ):
                 return False
         return True
 

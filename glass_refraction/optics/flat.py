@@ -120,7 +120,6 @@ class FlatPassage:
         new = np.clip(new, floor, STEEPEST)
         return new, np.abs(new - x) / (1.0 + x2)
 
-
     # ---- images -------------------------------------------------------------------------
 
     def steepest(self) -> float:

@@ -35,6 +35,9 @@ class ApparentPoints:
         Events passed before the point is met.
     iterations : int
         Most solver steps that any point took.
+    sheet : tuple, one entry a slot
+        Name of the slot's sheet: (stretch, interfaces met, upright, rank, winding, copy). The same
+        sheet has the same name for other points and in other calls.
     """
 
     direction: Floats
@@ -44,6 +47,7 @@ class ApparentPoints:
     residual: Floats
     stretch: NDArray[np.intp]
     iterations: int
+    sheet: tuple[tuple, ...] = ()
 
 
 @dataclass

@@ -130,9 +130,7 @@ class Curves:
         if not self.free:
             return zero
         here = self.state(tau, zero, turning=False)
-        return np.minimum(
-            self.height / np.maximum(here.height_zeta * self.zeta_max, FLOOR), STEEP
-        )
+        return np.minimum(self.height / np.maximum(here.height_zeta * self.zeta_max, FLOOR), STEEP)
 
     def climb(self, tau: Floats, tangent: Floats, small: float, most: int) -> tuple[Floats, State]:
         """The tangent at which rays with this τ reach the target's height.
@@ -209,9 +207,7 @@ class Leg:
         shift = -lean / np.where(dip, 2.0 * bend, 1.0)
         low = inner + 0.5 * lean * shift
         dip &= low < 0.5 * inner
-        where = np.flatnonzero(
-            np.pad(dip, ((0, 0), (1, 2)))
-        )
+        where = np.flatnonzero(np.pad(dip, ((0, 0), (1, 2))))
         if not len(where):
             return index, tau, tangent, turn, slope
         shift = shift[dip]
@@ -335,9 +331,7 @@ class Leg:
         winding = np.concatenate([np.full(len(part[0]), part[3]) for part in found])
         index = self.index[which]
         tau, tangent = self._solve(which, wanted)
-        return Roots(
-            index, tau, tangent, mirror, self.piece[which], self.rising[which], winding
-        )
+        return Roots(index, tau, tangent, mirror, self.piece[which], self.rising[which], winding)
 
     def _solve(self, which, wanted):
         """Newton's steps in τ and ζ together, held in the bracket of a monotone part."""

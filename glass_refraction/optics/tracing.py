@@ -181,9 +181,7 @@ def _meet_coaxial(glass: Glass, rays: Bundle) -> Meeting:
     near = product / np.where(hits_inner & (far > 0.0), far, 1.0)
     way = np.where(hits_inner, near, np.where(foot >= 0.0, far, 0.0))
     outward = half - foot
-    way = np.where(
-        hits_outer & (foot < 0.0), -product / np.where(outward > 0.0, outward, 1.0), way
-    )
+    way = np.where(hits_outer & (foot < 0.0), -product / np.where(outward > 0.0, outward, 1.0), way)
     way = np.maximum(way, 0.0)
     met = hits_inner | hits_outer
     interface = np.where(hits_inner, rays.medium, np.where(hits_outer, rays.medium - 1, -1))
@@ -203,9 +201,7 @@ def _meet_coaxial(glass: Glass, rays: Bundle) -> Meeting:
     return Meeting(interface, point, normal, inside, distance)
 
 
-def advance(
-    glass: Glass, rays: Bundle, meeting: Meeting, event: str
-) -> tuple[Bundle, Flags]:
+def advance(glass: Glass, rays: Bundle, meeting: Meeting, event: str) -> tuple[Bundle, Flags]:
     """Rays after `event` at their meeting, and which of them can take it.
 
     Every ray must have met an interface.
@@ -214,15 +210,11 @@ def advance(
     inward = meeting.interface == rays.medium
     if event == "R":
         direction = reflect(rays.direction, meeting.normal)
-        after = Bundle(
-            meeting.point, direction, length, rays.medium, np.where(inward, -1, 1)
-        )
+        after = Bundle(meeting.point, direction, length, rays.medium, np.where(inward, -1, 1))
         return after, np.ones(len(length), dtype=bool)
     behind = np.where(inward, rays.medium + 1, rays.medium - 1)
     media = np.asarray(glass.media)
-    direction, total = refract(
-        rays.direction, meeting.normal, media[rays.medium] / media[behind]
-    )
+    direction, total = refract(rays.direction, meeting.normal, media[rays.medium] / media[behind])
     after = Bundle(meeting.point, direction, length, behind, np.where(inward, 1, -1))
     return after, ~total
 

@@ -79,9 +79,7 @@ def _follow(glass: Glass, rays: Bundle, wanted: Iterable[str]):
         for event in onward:
             after, possible = advance(glass, rays, meeting, event)
             part = weight * (reflected if event == "R" else 1.0 - reflected)
-            stack.append(
-                (events + event, after.take(possible), index[possible], part[possible])
-            )
+            stack.append((events + event, after.take(possible), index[possible], part[possible]))
 
 
 def light_paths(
