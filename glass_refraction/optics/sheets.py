@@ -23,9 +23,6 @@ HALF_TURN = np.pi
 EDGE = 0.5 * np.pi
 """τ at the edge of the domain."""
 
-NEAR_EDGE = EDGE - 1e-5
-"""Where the slope of F at the edge is looked at: at the edge itself it is 0 / 0."""
-
 
 @dataclass
 class State:
@@ -82,41 +79,41 @@ class Curves:
         zeta2 = zeta * zeta
         r2 = self.radius * self.radius
         upper2, upper_r2 = passage.upper_limit(zeta2, r2)
-        upper2 = np.maximum(upper2, 0.0)
+        upper2 = np.maximum(upper2, FLOOR)
         upper = np.sqrt(upper2)
-        sine, half = np.sin(tau), np.sin(0.5 * (EDGE - tau))
-        gap = upper * 2.0 * half * half  # upper − ℓ without cancellation
+        # Lengths are told from the edge of the domain, where w of the limiting term vanishes with
+        # cos τ: so no difference of large numbers is left in F, Z and their derivatives.
+        half2 = np.maximum(np.sin(0.5 * (EDGE - tau)) ** 2, ROUNDING)
+        sine, cosine2 = 1.0 - 2.0 * half2, 4.0 * half2 * (1.0 - half2)
         ell = upper * sine
-        ell_tau = upper * np.cos(tau)
-        safe_upper = np.where(upper > 0.0, upper, 1.0)
-        ell_zeta = -zeta * upper_r2 / safe_upper * sine
-        below = gap * (upper + ell)  # upper² − ℓ²
-        turn = way = turn_ell = bend = height_zeta = 0.0
-        ell2 = ell * ell
+        below = upper2 * cosine2  # upper² − ℓ²
+        at_edge = upper_r2 / upper2  # 1 / P² of the limiting term
+        turn = way = spread = twist = lift = way_zeta = 0.0
         for ior, radius2, count in (
             *((t.ior, t.radius * t.radius, t.count) for t in passage.terms),
             (passage.ior, r2, -self.side),
         ):
             p2 = ior * ior - zeta2
             w = np.sqrt(np.maximum(p2 * radius2 - upper2, 0.0) + below)
-            inverse = count / np.maximum(w, FLOOR)
+            inverse, per = count / w, 1.0 / p2
             if turning:
                 turn = turn + count * np.arctan2(ell, w)
-            part = count * w / p2
-            spread = inverse / p2
+                spread = spread + inverse
+                twist = twist + (per - at_edge) * inverse
+                lift = lift + per * inverse
+            part = count * w * per
             way = way - part
-            turn_ell = turn_ell + inverse
-            bend = bend + spread
-            height_zeta = height_zeta - (part * (ior * ior) - zeta2 * ell2 * spread) / p2
-        turn_zeta = ell * zeta * bend
+            fall = (radius2 - upper_r2 + upper_r2 * cosine2) * inverse
+            way_zeta = way_zeta - part - zeta2 * per * (2.0 * part - fall)
+        ell_tau = upper * np.sqrt(cosine2)
         return State(
             ell,
             turn,
             zeta * way,
-            turn_ell * ell_tau,
-            turn_zeta + turn_ell * ell_zeta,
-            turn_zeta * ell_tau,
-            height_zeta + turn_zeta * ell_zeta,
+            ell_tau * spread,
+            zeta * ell * twist,
+            zeta * ell * ell_tau * lift,
+            way_zeta,
         )
 
     def invariants(self, tau: Floats, tangent: Floats, mirror: Floats) -> tuple[Floats, Floats]:
@@ -179,10 +176,9 @@ class Leg:
     def __init__(self, curves: Curves, cells: int) -> None:
         self.curves = curves
         count = len(curves.radius)
-        taus = np.append(np.linspace(0.0, EDGE, cells + 1)[:-1], (NEAR_EDGE, EDGE))
+        taus = np.linspace(0.0, EDGE, cells + 1)
         tangent, state = curves.climb(taus[:, None], curves.start(taus[:, None]), 1e-7, 30)
         slope = np.array(state.slope(curves.free))
-        slope[-1] = slope[-2]
         self.last_turn, self.last_tangent = state.turn[-1], tangent[-1]
         flattest = np.argmin(np.abs(slope), axis=0)
         self.flat_tau = taus[flattest]
@@ -198,16 +194,16 @@ class Leg:
         tau, tangent, turn, slope = ends
         size = np.abs(slope).reshape(-1, rows)
         up = slope.reshape(-1, rows) > 0.0
-        inner = size[:, 1:-2]
-        dip = (inner < size[:, :-3]) & (inner < size[:, 2:-1])
-        dip &= (up[:, 1:-2] == up[:, :-3]) & (up[:, 1:-2] == up[:, 2:-1])
+        inner = size[:, 1:-1]
+        dip = (inner < size[:, :-2]) & (inner < size[:, 2:])
+        dip &= (up[:, 1:-1] == up[:, :-2]) & (up[:, 1:-1] == up[:, 2:])
         # The parabola through three slopes: is its top anywhere near zero?
-        left, right = size[:, :-3] - inner, size[:, 2:-1] - inner
+        left, right = size[:, :-2] - inner, size[:, 2:] - inner
         bend, lean = 0.5 * (left + right), 0.5 * (right - left)
         shift = -lean / np.where(dip, 2.0 * bend, 1.0)
         low = inner + 0.5 * lean * shift
         dip &= low < 0.5 * inner
-        where = np.flatnonzero(np.pad(dip, ((0, 0), (1, 2))))
+        where = np.flatnonzero(np.pad(dip, ((0, 0), (1, 1))))
         if not len(where):
             return index, tau, tangent, turn, slope
         shift = shift[dip]
@@ -434,6 +430,9 @@ def rank_of(piece, mirror):
     """Number of a piece among those of its orientation: the middle one, then left, right, …"""
     return np.where(piece > 0, piece - 1 + (mirror > 0.0), 0)
 
+
+ROUNDING = 1e-32
+"""Floor of sin²((π/2 − τ)/2): the edge of the domain to float64."""
 
 FLOOR = 1e-40
 STEEP = 1e6
