@@ -26,6 +26,8 @@ from .shaders import depth_material, lookup_material, mask_material
 from .sources import is_carried
 from .viewpoint import render_size
 
+FALLBACK_SHARE = 8
+"""In TRUE shading the displaced copies take this part of the scene's samples."""
 DEPTH_LAYER = "depth"
 ENVIRONMENT_LAYER = "environment"
 
@@ -118,6 +120,9 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane]) -> tuple[Layers, boo
         layers.lookup[_KEY] = key
     _match_sources(layers, panes)
     _match_lights(scene, layers)
+    for own_scene in (layers.lookup, layers.displaced):
+        for view_layer in own_scene.view_layers:
+            _synchronise(view_layer)
     return layers, anew
 
 
@@ -186,7 +191,8 @@ def _make_layers(layers: Layers, panes: list[Pane]) -> None:
     for pane in panes:
         mask = lookup.view_layers.new(pane.mask_layer)
         _show_only(mask, hulls[pane.glass.name], occluders)
-        _layer_collection(mask, occluders).holdout = True
+        for child in _layer_collections(mask):
+            child.holdout = child.collection == occluders
         for path in pane.paths:
             layer = lookup.view_layers.new(pane.layer(path))
             layer.material_override = lookup_material()
@@ -207,12 +213,27 @@ def _child(scene: bpy.types.Scene, role: str) -> bpy.types.Collection:
     return next(c for c in scene.collection.children if own(c, role))
 
 
+def _layer_collections(view_layer: bpy.types.ViewLayer):
+    _synchronise(view_layer)
+    return view_layer.layer_collection.children
+
+
+def _synchronise(view_layer: bpy.types.ViewLayer) -> None:
+    """Have Blender bring the layer's collections and objects up to date.
+
+    Blender 5.2 puts that off, and does not make up for it when a render starts: the first layer of
+    a new scene has no collections, and rendering such a layer crashes. Asking for the active
+    collection does it, without an evaluation.
+    """
+    _ = view_layer.active_layer_collection
+
+
 def _layer_collection(view_layer, collection) -> bpy.types.LayerCollection:
-    return next(c for c in view_layer.layer_collection.children if c.collection == collection)
+    return next(c for c in _layer_collections(view_layer) if c.collection == collection)
 
 
 def _show_only(view_layer: bpy.types.ViewLayer, *shown: bpy.types.Collection) -> None:
-    for child in view_layer.layer_collection.children:
+    for child in _layer_collections(view_layer):
         child.exclude = child.collection not in shown
 
 
@@ -322,6 +343,13 @@ def match_settings(
             render.border_min_x, render.border_max_x = rect[0] / size[0], rect[2] / size[0]
             render.border_min_y, render.border_max_y = rect[1] / size[1], rect[3] / size[1]
     layers.displaced.world = scene.world
+    if lookup and scene.render.engine == "CYCLES":
+        # Only slivers that the direct picture does not show come from here.
+        layers.displaced.cycles.samples = max(1, scene.cycles.samples // FALLBACK_SHARE)
+    for layer in layers.displaced.view_layers:
+        if layer.name == ENVIRONMENT_LAYER:
+            # The world alone has no noise.
+            layer.samples = 1
     _exact_samples(layers.lookup)
     for layer in layers.lookup.view_layers:
         is_mask = layer.name.endswith(" mask")
