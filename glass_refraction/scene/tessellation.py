@@ -257,19 +257,17 @@ def refine(
     Every point is solved once: the middle of an edge that is split becomes a vertex.
     """
     ends = solve(triangles.points)
-    known: dict[tuple[int, int], int] = {}
-    middles = _empty(ends)
+    known, middles = np.empty(0, np.int64), _empty(ends)
     worst, visible = 0.0, False
     for _ in range(MAX_ROUNDS):
         edges, triangle_edges = triangles.edges()
-        keys = [tuple(e) for e in edges.tolist()]
-        new = np.array([number for number, key in enumerate(keys) if key not in known], int)
-        if len(new):
-            start = middles.valid.shape[1]
+        keys = edges[:, 0].astype(np.int64) << 32 | edges[:, 1]
+        new = ~np.isin(keys, known)
+        if new.any():
+            known = np.concatenate((known, keys[new]))
             middles = _joined(middles, solve(triangles.points[edges[new]].mean(axis=1)))
-            known.update((keys[n], start + k) for k, n in enumerate(new.tolist()))
-        place = np.array([known[key] for key in keys], int)
-        here = _taken(middles, place)
+        order = np.argsort(known)
+        here = _taken(middles, order[np.searchsorted(known, keys, sorter=order)])
         found = edge_images(triangles.points, edges, ends, here, view)
         faces = face_boxes(found.box, triangle_edges)
         near = np.zeros(len(edges), bool)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -41,6 +41,9 @@ from .regions import Regions, path_regions, picture_rect
 from .sources import is_carried, pieces, seen_through, source_objects, world_positions
 from .viewpoint import Viewpoint, read_viewpoint
 
+PATH_SEARCH_STEP = 4
+"""Pixels a side for each ray with which the paths' mean weights are found."""
+
 counters: Counter[str] = Counter()
 """Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``."""
 
@@ -60,12 +63,11 @@ class Status:
 class _Memory:
     """What was computed for a scene, with the stamps that it was computed from."""
 
-    views: tuple | None = None
     regions: dict[str, tuple[tuple, Regions]] = field(default_factory=dict)
     copies: dict[tuple[str, str, int], tuple[tuple, np.ndarray, Written]] = field(
         default_factory=dict
     )
-    settings: tuple | None = None
+    paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
     status: Status = field(default_factory=Status)
 
 
@@ -151,7 +153,9 @@ def prepare(
         counters["structures"] += 1
         insert_group(scene, layers, panes, shading == "TRUE", side)
         layers.lookup["refractive_glass_wiring"] = wiring
-        forget()
+        memory = memory_of(scene)
+        memory.regions.clear()
+        memory.copies.clear()
     memory_of(scene).status.problems = problems
     match_settings(scene, layers, _covered(scene, panes, depsgraph, view), side, shading == "TRUE")
 
@@ -205,18 +209,28 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
 
 
 def _kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
-    """The paths that the glass's picture is made of.
+    """The paths that the glass's picture is made of: a mean weight of ``min_weight`` or more.
 
-    Raises RefractiveGlassError where the eye is inside the wall.
+    ``optics.light_paths`` lists what carries that much for *some* ray; close to the verge light
+    runs round in the wall along a dozen paths, each too thin to be seen. Raises
+    RefractiveGlassError where the eye is inside the wall.
     """
-    first_face(glass, view.eye_for(glass))
     settings = scene.refractive_glass
+    fresnel = settings.surface == "GLASS"
+    stamp = (glass.stamp(), view.stamp(), settings.min_weight, fresnel)
+    known = memory_of(scene).paths.get(glass.name)
+    if known is not None and known[0] == stamp:
+        return known[1]
+    first_face(glass, view.eye_for(glass))
     paths = optics.light_paths(
         glass.description, view.eye_for(glass), min_weight=settings.min_weight
     )
-    if settings.surface == "REFRACTION":
-        paths = tuple(p for p in paths if "R" not in p.events)
-    return paths
+    coarse = replace(view, size=tuple(max(1, n // PATH_SEARCH_STEP) for n in view.size))
+    found = path_regions(glass, coarse, paths, fresnel=fresnel)
+    mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
+    kept = tuple(p for p, share in zip(paths, mean, strict=True) if share >= settings.min_weight)
+    memory_of(scene).paths[glass.name] = (stamp, kept)
+    return kept
 
 
 def _standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pane, Glass]]:

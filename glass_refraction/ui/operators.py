@@ -219,7 +219,7 @@ class SCENE_OT_refractive_glass_compare(bpy.types.Operator):
                 samples=self.samples or None,
                 progress=lambda share: manager.progress_update(int(100 * share)),
             )
-        except (RefractiveGlassError, OSError) as error:
+        except (RefractiveGlassError, RuntimeError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         finally:
