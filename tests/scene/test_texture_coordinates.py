@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A copy that is not displaced at all shows, in Cycles, the very colours of its source."""
+"""A copy shows, in Cycles, the very colours of its source, though its mesh lies elsewhere.
+
+It is moved as a whole, and so is the camera that looks at it: the two pictures must be the same.
+"""
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 import bmesh  # noqa: E402
-from mathutils import Matrix  # noqa: E402
+from mathutils import Matrix, Vector  # noqa: E402
 
 from glass_refraction.reference.picture import render_picture  # noqa: E402
 from glass_refraction.scene import names, texture_coordinates  # noqa: E402
@@ -25,27 +28,29 @@ from glass_refraction.scene.texture_coordinates import (  # noqa: E402
 )
 
 SIZE = 32
+MOVED = (3, -2, 1)
 
 
 @pytest.fixture
 def scene():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
+    set_up(scene)
+    # Copies are in a scene of their own, as the extension has it.
+    own_scene = bpy.data.scenes.new("Own")
+    set_up(own_scene)
+    own_scene.camera.location += Vector(MOVED)
+    yield scene
+    bpy.app.handlers.frame_change_post.clear()
+
+
+def set_up(scene):
+    """One sample exactly in the middle of each pixel."""
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.location = (0, -6, 0)
     camera.rotation_euler = (np.pi / 2, 0, 0)
     scene.collection.objects.link(camera)
     scene.camera = camera
-    # Copies are in a scene of their own, as the extension has it.
-    set_up(scene)
-    set_up(bpy.data.scenes.new("Own"), camera)
-    yield scene
-    bpy.app.handlers.frame_change_post.clear()
-
-
-def set_up(scene, camera=None):
-    """One sample exactly in the middle of each pixel."""
-    scene.camera = camera or scene.camera
     render = scene.render
     render.engine = "CYCLES"
     render.resolution_x = render.resolution_y = SIZE
@@ -204,13 +209,13 @@ def hand_on(group):
 
 
 def write_carrier(copy, source, depsgraph):
-    """As an update does in a render: every vertex stays where it is."""
+    """As an update does in a render."""
     mesh = copy.data
     with pieces(source, depsgraph) as parts:
         points = world_positions(parts)
         mesh.clear_geometry()
         mesh.vertices.add(len(points))
-        write_attribute(mesh, "position", points, "FLOAT_VECTOR")
+        write_attribute(mesh, "position", points + MOVED, "FLOAT_VECTOR")
         write_attribute(mesh, "rg_seen", np.ones(len(points)), "FLOAT")
         write_coordinates(mesh, coordinates(parts, dressed_coordinates(copy)))
     mesh.update()
@@ -226,7 +231,7 @@ def write_refined(copy, source, depsgraph):
             start = len(joined.verts)
             joined.from_mesh(part.mesh)
             add_layers(joined, start, part, dressed_coordinates(copy))
-            matrix = Matrix(part.to_world.tolist())
+            matrix = Matrix.Translation(MOVED) @ Matrix(part.to_world.tolist())
             bmesh.ops.transform(joined, matrix=matrix, verts=joined.verts[start:])
     bmesh.ops.triangulate(joined, faces=joined.faces[:])
     bmesh.ops.subdivide_edges(joined, edges=joined.edges[:], cuts=1, use_grid_fill=True)
@@ -236,10 +241,11 @@ def write_refined(copy, source, depsgraph):
     write_attribute(mesh, "rg_normal", corner_normals(mesh), "FLOAT_VECTOR", "CORNER")
 
 
-def compare(scene, source, *, write=write_carrier):
-    """Render the source and its dressed copy; returns the picture of both."""
-    copy = new_copy(source)
-    dress(copy, source, bpy.context.evaluated_depsgraph_get())
+def compare(scene, source, *, write=write_carrier, copy=None):
+    """Render the source and its copy, which is made and dressed here; returns both pictures."""
+    if copy is None:
+        copy = new_copy(source)
+        dress(copy, source, bpy.context.evaluated_depsgraph_get())
 
     def follow(rendered, depsgraph):
         if rendered == scene and depsgraph.mode == "RENDER":
@@ -349,12 +355,18 @@ def shape_key(source):
 
 
 @pytest.mark.parametrize(
-    "change", [bent, armature_and_displace, own_texture_space, texture_mesh, shape_key]
+    ("change", "write"),
+    [
+        (bent, write_carrier),
+        (armature_and_displace, write_carrier),
+        (own_texture_space, write_carrier),
+        (texture_mesh, write_carrier),
+        (shape_key, write_carrier),
+        (own_texture_space, write_refined),
+    ],
 )
-@pytest.mark.parametrize("write", [write_carrier, write_refined])
 def test_modifiers_and_texture_spaces(scene, change, write):
     source = new_source()
-    # Seen from outside Blender the same pixels would show: both coordinates at once.
     material, tree, colour = new_material()
     place = tree.nodes.new("ShaderNodeTexCoord")
     both = tree.nodes.new("ShaderNodeVectorMath")
@@ -434,31 +446,182 @@ def test_text(scene):
     compare(scene, source, write=write_refined)
 
 
-def dump(data_block):
-    """All that can be read of a data-block's own values, its node tree's nodes and links."""
-    values = {
-        p.identifier: repr(getattr(data_block, p.identifier))
-        for p in data_block.bl_rna.properties
-        if p.identifier not in {"use_nodes", "users"}
-    }
+def state(data_block):
+    """What can be read of a material or group: its own values, nodes, values, links and drivers."""
     tree = getattr(data_block, "node_tree", data_block)
-    nodes = [
-        (
-            repr(node),
-            {p.identifier: repr(getattr(node, p.identifier)) for p in node.bl_rna.properties},
-            [
-                repr(getattr(s, "default_value", None)[:])
-                if hasattr(getattr(s, "default_value", None), "__len__")
-                else repr(getattr(s, "default_value", None))
-                for s in (*node.inputs, *node.outputs)
-            ],
-        )
-        for node in tree.nodes
-    ]
-    links = [(repr(link.from_socket), repr(link.to_socket), link.is_muted) for link in tree.links]
-    return (
-        values,
-        nodes,
-        links,
-        data_block.animation_data and len(data_block.animation_data.drivers),
+    found = [plain(data_block, {"use_nodes", "users"})]
+    found += [plain(node, set()) for node in tree.nodes]
+    found += [plain(s, set()) for node in tree.nodes for s in (*node.inputs, *node.outputs)]
+    found += [repr((link.from_socket, link.to_socket, link.is_muted)) for link in tree.links]
+    return repr([*found, tree.animation_data])
+
+
+def plain(struct, skipped):
+    values = {}
+    for prop in struct.bl_rna.properties:
+        if prop.identifier not in skipped:
+            value = getattr(struct, prop.identifier)
+            values[prop.identifier] = list(value) if getattr(prop, "is_array", False) else value
+    return values
+
+
+@pytest.mark.parametrize("build", [in_group, target_object, texture("Wave"), read("Normal")])
+def test_originals_are_left_as_they_are(scene, build):
+    material = build()
+    material.use_fake_user = True
+    material.asset_mark()
+    groups = [group for group in bpy.data.node_groups]
+    before = [state(block) for block in (material, *groups)], material.users
+    made = substitute(material)
+    assert made != material and made.name.startswith(".")
+    assert names.own(made, "substitute") and not made.use_fake_user and made.asset_data is None
+    assert ([state(block) for block in (material, *groups)], material.users) == before
+    bpy.data.materials.remove(made)
+    remove_unused()
+    assert [group for group in bpy.data.node_groups] == groups
+
+
+def test_what_does_not_hang_on_the_object_needs_no_substitute(scene):
+    plain_colour, *_ = new_material()
+    image, tree, colour = new_material()
+    tree.links.new(tree.nodes.new("ShaderNodeTexImage").outputs[0], colour)
+    tree.links.new(
+        tree.nodes.new("ShaderNodeTexCoord").outputs["UV"], tree.nodes["Image Texture"].inputs[0]
     )
+    tree.nodes.new("ShaderNodeTexCoord")
+    linked, tree, colour = new_material()
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    tree.links.new(tree.nodes.new("ShaderNodeUVMap").outputs[0], noise.inputs["Vector"])
+    for material in (plain_colour, image, linked):
+        assert substitute(material) == material
+    assert len(bpy.data.materials) == 3
+
+
+def blocks():
+    return {
+        (kind, block.session_uid)
+        for kind in ("materials", "node_groups", "objects", "meshes", "images", "actions")
+        for block in getattr(bpy.data, kind)
+    }
+
+
+def test_nothing_is_made_twice(scene):
+    source = new_source()
+    for build in (in_group, target_object, read("Normal"), new_material):
+        built = build()
+        source.data.materials.append(built if build is not new_material else built[0])
+    copy = new_copy(source)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    dress(copy, source, depsgraph)
+    before, drivers = blocks(), len(copy.animation_data.drivers)
+    # Selecting, moving nodes, animation and another frame change nothing.
+    for node in source.data.materials[0].node_tree.nodes:
+        node.select, node.location.x = not node.select, 50
+    scene.frame_set(8)
+    dress(copy, source, bpy.context.evaluated_depsgraph_get())
+    assert blocks() == before and len(copy.animation_data.drivers) == drivers
+    assert [slot.material.get(names.TAG) for slot in copy.material_slots] == 3 * ["substitute"] + [
+        None
+    ]
+
+
+def first(tree, kind):
+    return next(node for node in tree.nodes if node.bl_idname == f"ShaderNode{kind}")
+
+
+def test_edits_are_followed(scene):
+    material = in_group()
+    source = new_source()
+    source.data.materials.append(material)
+    copy = new_copy(source)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    tree, inner = material.node_tree, bpy.data.node_groups["Inner"]
+
+    def worn():
+        dress(copy, source, depsgraph)
+        return copy.material_slots[0].material
+
+    def check(edit):
+        before, count = worn(), len(blocks())
+        former = before.session_uid
+        edit()
+        after = worn()
+        assert after.session_uid != former and worn() == after and len(blocks()) == count
+        return after.node_tree
+
+    made = check(lambda: setattr(first(tree, "VectorMath").inputs[1], "default_value", (1, 1, 1)))
+    assert first(made, "VectorMath").inputs[1].default_value[:] == (1, 1, 1)
+    noise = first(inner, "TexNoise")
+    made = check(lambda: setattr(noise, "noise_dimensions", "4D"))
+    group = first(first(made, "Group").node_tree, "Group").node_tree
+    assert group != inner and first(group, "TexNoise").noise_dimensions == "4D"
+    assert first(group, "TexNoise").inputs["Scale"].is_linked
+    made = check(lambda: setattr(material, "displacement_method", "BOTH"))
+    ramp = tree.nodes.new("ShaderNodeValToRGB")
+    made = check(lambda: tree.links.new(ramp.outputs[0], first(tree, "VectorMath").inputs[2]))
+    made = check(lambda: setattr(ramp.color_ramp.elements[0], "position", 0.5))
+    assert first(made, "ValToRGB").color_ramp.elements[0].position == 0.5
+    # In the end nothing hangs on the object any more.
+    tree.nodes.remove(first(tree, "Group"))
+    assert worn() == material
+    remove_unused()
+    assert not [
+        b for b in (*bpy.data.materials, *bpy.data.node_groups) if names.own(b, "substitute")
+    ]
+
+
+def test_renamed_and_removed_originals(scene):
+    material, other = read("Generated")(), read("Object")()
+    source = new_source()
+    source.data.materials.append(material)
+    copy = new_copy(source)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    dress(copy, source, depsgraph)
+    material.name, other.name = "Renamed", "Material"
+    dress(copy, source, depsgraph)
+    worn = copy.material_slots[0].material
+    assert first(worn.node_tree, "Attribute").attribute_name == "rg_generated"
+    assert worn != substitute(other)
+    bpy.data.materials.remove(material)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    dress(copy, source, depsgraph)
+    assert copy.material_slots[0].material is None and dressed_coordinates(copy) == set()
+    bpy.data.materials.remove(other)
+    remove_unused()
+    assert not len(bpy.data.materials)
+
+
+def test_linked_materials_get_local_substitutes(scene, tmp_path):
+    library = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(library, {in_group()})
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(library, link=True) as (available, wanted):
+        wanted.materials = available.materials
+    material = wanted.materials[0]
+    made = substitute(material)
+    assert made.library is None and substitute(material) == made
+    outer = first(made.node_tree, "Group").node_tree
+    inner = first(outer, "Group").node_tree
+    assert outer.library is None and inner.library is None
+    assert first(inner, "Attribute").attribute_name == "rg_generated"
+    assert material.library is not None and bpy.data.node_groups["Inner"].library is not None
+
+
+def test_another_frame_needs_nothing_new(scene):
+    """Targets and the source's own frame follow by drivers."""
+    source = new_source()
+    material, tree, colour = new_material()
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    place.object = first(target_object().node_tree, "TexCoord").object
+    both = tree.nodes.new("ShaderNodeVectorMath")
+    tree.links.new(place.outputs["Object"], both.inputs[0])
+    tree.links.new(place.outputs["Normal"], both.inputs[1])
+    tree.links.new(both.outputs[0], colour)
+    source.data.materials.append(material)
+    for frame, turn in ((1, 0.5), (11, 2)):
+        source.rotation_euler.x = turn
+        source.keyframe_insert("rotation_euler", frame=frame)
+    dressed_at_five, _ = compare(scene, source)
+    scene.frame_set(9)
+    later, _ = compare(scene, source, copy=bpy.data.objects["Copy"])
+    assert np.abs(later - dressed_at_five).max() > 0.1
