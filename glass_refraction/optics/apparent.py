@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .coaxial import Passage, frame_of
+from .coaxial import CoaxialPassage
 from .flat import FlatPassage
 from .glasses import FlatGlass, Glass
-from .images import ApparentPoints
+from .images import ApparentPoints, Slot
 from .paths import LightPath, ParallelView, as_eye, as_path, branches
 from .sheets import Curves, Leg, Placing, rank_of
 from .solver import BLOCK, in_blocks, newton
-from .tracing import inside_outline
 
 
 def apparent_points(
@@ -66,242 +65,231 @@ def apparent_points(
             medium = len(glass.media) - 1
     else:
         medium = int(glass.medium_at(eye))
-    solve = _flat_slots if isinstance(glass, FlatGlass) else _coaxial_slots
+    if isinstance(glass, FlatGlass):
+        family, places = FlatPassage, some[:, 2]
+    else:
+        family, places = CoaxialPassage, glass.distance_from_axis(some)
     for branch in branches(glass, medium, path):
         for stretch in range(1, len(branch.stretches)):
-            found, steps = solve(glass, eye, branch, stretch, some, tolerance, guess)
-            slots += found
-            iterations = max(iterations, steps)
-    slots = sorted((slot for slot in slots if slot[4].any()), key=lambda slot: slot[0])
+            passage = family(glass, eye, branch, stretch)
+            inside = passage.candidates(places)
+            if passage.empty() or not inside.any():
+                continue
+            slots_here = Slots(passage, some, inside, tolerance)
+            first = _guessed(guess, passage, finite) if passage.direct else None
+            iterations = max(iterations, _find(slots_here, first))
+            slots += slots_here.by_key.values()
+    slots = sorted((slot for slot in slots if slot.valid.any()), key=lambda slot: slot.sheet)
     return _gather(slots, finite, eye, len(path), iterations)
-
-
-def _blank(count, eye):
-    """A slot's image where there is none: direction, distance, position, valid, residual."""
-    parallel = isinstance(eye, ParallelView)
-    direction = np.zeros((count, 3))
-    direction[:] = eye.direction if parallel else (0.0, 0.0, -1.0)
-    position = np.zeros((count, 3))
-    position[:] = 0.0 if parallel else eye
-    return direction, np.zeros(count), position, np.zeros(count, dtype=bool), np.zeros(count)
 
 
 def _gather(slots, finite, eye, last, iterations):
     """One record of all slots; at least one slot, so that row 0 always exists."""
-    slots = slots or [((last, (), 1, 0, 0, 0), *_blank(int(finite.sum()), eye))]
-    if len(slots) == 1 and finite.all():
-        columns = [column[None] for column in slots[0][1:]]
+    count = len(finite)
+    if not slots:
+        slots = [Slot.blank((last, (), *MAIN), int(finite.sum()), eye)]
+    whole = finite.all()
+    if whole and len(slots) == 1:
+        columns = [column[None] for column in slots[0].columns()]
     else:
         columns = []
-        for number, blank in enumerate(_blank(len(finite), eye)):
-            column = np.repeat(blank[None], len(slots), axis=0)
+        for number, blank in enumerate(Slot.blank((), count, eye).columns()):
+            column = np.empty((len(slots), *blank.shape), dtype=blank.dtype)
             for row, slot in enumerate(slots):
-                column[row, finite] = slot[number + 1]
+                if not whole:
+                    column[row] = blank
+                column[row, finite] = slot.columns()[number]
             columns.append(column)
-    sheets = tuple(slot[0] for slot in slots)
+    sheets = tuple(slot.sheet for slot in slots)
     stretch = np.array([sheet[0] for sheet in sheets], dtype=np.intp)
     return ApparentPoints(*columns, stretch, iterations, sheets)
 
 
-def _flat_slots(glass, eye, branch, stretch, points, tolerance, guess):
-    passage = FlatPassage(glass, eye, branch, stretch)
-    candidates = passage.candidates(points)
-    if not candidates.any():
-        return [], 0
-    lateral, way, unit_x, unit_y = passage.targets(points)
-    valid = candidates
-    if passage.parallel:
-        along = passage.seen_along()
-        if along is None:
-            return [], 0
-        x = np.full(len(points), along)
-        steps = np.zeros(1, dtype=int)
-    else:
-        floor = passage.start(lateral, way)
-        x = floor.copy()
-        (x,), steps = newton(passage, [x], [lateral, way, floor], small=1e-7, most=40)
-        steepest = passage.steepest()
-        valid = valid & (x < steepest)
-        x = np.minimum(x, steepest)
-    image = passage.image(x, lateral, way, unit_x, unit_y, points)
-    if glass.outline is not None:
-        for at_x, at_y in passage.crossings(x, lateral, way, unit_x, unit_y, points):
-            valid = valid & inside_outline(glass.outline, np.stack([at_x, at_y], axis=-1))
-    return [
-        (
-            (stretch, branch.interfaces, 1, 0, 0, 0),
-            image.direction,
-            image.distance,
-            image.position,
-            valid,
-            image.residual,
-        )
-    ], int(steps.max(initial=0))
-
-
-def _coaxial_slots(glass, eye, branch, stretch, points, tolerance, guess):
-    passage = Passage(glass, frame_of(glass, eye), branch, stretch)
-    candidates = passage.candidates(points)
-    if not candidates.any() or passage.domain.zeta_max <= 0.0:
-        return [], 0
-    zeta = passage.frame.zeta
-    if zeta is not None and abs(zeta) >= passage.domain.zeta_max:  # a parallel view
-        return [], 0
-    single = passage.single()
-    targets = passage.targets(points)
-    sheets: dict[tuple, list[NDArray]] = {}
-    blocks: list[tuple[NDArray, list[Placing]]] = []
-    found: list[tuple[NDArray, list]] = []
-    total = len(points)
-    steps = 0
-    left = np.arange(total)
-    if single and "R" not in branch.events[:stretch]:
-        sheet, steps, done = _straight_newton(passage, targets, tolerance)
-        sheets[(1, 0, 0, 0)] = sheet
-        left = np.flatnonzero(~done)
-
-    def search(block: slice) -> None:
-        index = left[block]
-        part = [target[index] for target in targets]
-        legs = [Leg(Curves(passage, side, *part), 1 if single else CELLS) for side in passage.sides]
-        found.append((index, _sorted_roots(passage, legs)))
-        blocks.append((index, [Placing(leg) for leg in legs]))
-
-    in_blocks(search, len(left), BLOCK if single else BLOCK // CELLS)
-    for block, roots in found:
-        for key, index, ell, zeta, side in roots:
-            if key not in sheets:
-                sheets[key] = [np.zeros(total), np.zeros(total), np.ones(total), np.zeros(total)]
-            sheet = sheets[key]
-            index = block[index]
-            sheet[0][index], sheet[1][index], sheet[2][index] = ell, zeta, side
-            sheet[3][index] = 1.0
-    keys = sorted(key for key, sheet in sheets.items() if (sheet[3] * candidates).any())
-    slots = []
-    for key in keys:
-        ell, zeta, side, has = sheets[key]
-        has = has > 0.0
-        first = sheets.get((key[0], 0, *key[2:]))
-        if key[1] and first is not None:
-            # In front of a cusp the sheets round it are one: continue on the first.
-            missing = ~has & (first[3] > 0.0)
-        else:
-            missing = np.zeros(total, dtype=bool)
-        for block, placings in blocks:
-            lost = np.flatnonzero(~has[block])
-            if len(lost):
-                _place(key, block, placings, lost, ell, zeta, side)
-        if missing.any():
-            for mine, other in zip((ell, zeta, side), first, strict=False):
-                mine[missing] = other[missing]
-        image, _ = passage.image(ell, zeta, *targets, points, side)
-        # No ray is tilted enough for targets too high; they were left at the edge of the domain.
-        valid = has & candidates & passage.taken(ell, zeta)
-        valid &= image.residual <= max(MISS, tolerance) * (image.distance + passage.frame.scale)
-        extent = getattr(glass, "extent", None)
-        if extent is not None:
-            low = 0.0 if passage.frame.eye is None else passage.frame.eye[2]
-            low, high = (end / passage.frame.scale - low for end in extent)
-            for level in passage.crossings(ell, zeta, *targets):
-                valid &= (level >= low) & (level <= high)
-        slots.append(
-            (
-                (stretch, branch.interfaces, *key),
-                image.direction,
-                image.distance,
-                image.position,
-                valid,
-                image.residual,
-            )
-        )
-    return slots, steps
-
-
-SMALL = 0.003
-"""A last step of SMALL · √tolerance leaves an error well below the tolerance (Newton squares it)."""
-
-MISS = 1e-9
-"""Residual in parts of the distance beyond which a ray does not count as passing a point."""
+MAIN = (1, 0, 0, 0)
+"""The sheet that no caustic has turned over and no winding has shifted."""
 
 CELLS = 12
 """Cells along a curve that may meet caustics."""
 
+MISS = 1e-9
+"""Residual in parts of the distance beyond which a ray does not count as passing a point."""
 
-def _straight_newton(passage, targets, tolerance):
-    """The one image of each point, by Newton's steps from the straight ray; and which found it."""
-    total = len(targets[0])
-    ell, zeta, side = (np.empty(total) for _ in range(3))
-    done = np.empty(total, dtype=bool)
-    most = []
+
+class Slots:
+    """The images of points in one passage, a slot a sheet."""
+
+    def __init__(self, passage, points, inside, tolerance: float) -> None:
+        self.passage, self.points, self.inside = passage, points, inside
+        self.tolerance = tolerance
+        self.by_key: dict[tuple, Slot] = {}
+
+    def slot(self, key: tuple) -> Slot:
+        """The slot of a sheet, begun where it is new."""
+        if key not in self.by_key:
+            name = (self.passage.number, self.passage.branch.interfaces, *key)
+            self.by_key[key] = Slot.empty(name, len(self.points))
+        return self.by_key[key]
+
+    def put(self, key, where, unknowns, targets, found) -> NDArray[np.bool_]:
+        """Write images of the points `where` (slice or indices); returns which rays pass them."""
+        slot = self.slot(key)
+        passes, valid = self.passage.image(
+            unknowns, targets, self.points[where], max(MISS, self.tolerance), slot.part(where)
+        )
+        slot.valid[where] = valid & found & self.inside[where]
+        return passes
+
+
+def _find(slots: Slots, guess) -> int:
+    """Fill the slots of one passage; returns the most steps that a point took."""
+    left, steps = np.arange(len(slots.points)), 0
+    if slots.passage.direct:
+        left, steps = _directly(slots, guess)
+    if len(left):
+        _by_curves(slots, left)
+    return steps
+
+
+def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
+    """The one image of each point, by Newton's steps from the straight ray or a guess.
+
+    Returns the points that this did not settle, and the most steps of the others.
+    """
+    passage, tolerance = slots.passage, slots.tolerance
+    slots.slot(MAIN)
+    # Newton squares the error: the step that follows one this small is far below the tolerance.
+    small = 0.1 * tolerance**0.5 if tolerance > 1e-8 else 1e-7
+    left, most = [], []
 
     def work(block: slice) -> None:
-        x, y, z = (target[block] for target in targets)
-        (here_ell, here_zeta), steps = newton(
-            passage,
-            passage.start(x, y, z),
-            (x, y, z),
-            small=SMALL * tolerance**0.5,
-            most=12,
-        )
-        line = passage.follow(here_ell, here_zeta, slopes=False)
-        along, across, rise, _ = line.misses(x, y, z)
-        if passage.frame.zeta is not None:
-            rise = 0.0
-        near = np.abs(across) + np.abs(rise) <= max(MISS, tolerance) * (1.0 + line.length)
-        here_side = np.where(along < 0.0, -1.0, 1.0)
-        near &= np.isin(here_side, passage.sides) & (steps <= 12)
-        ell[block], zeta[block], side[block], done[block] = here_ell, here_zeta, here_side, near
-        most.append(int(steps[near].max(initial=0)))
+        points = slots.points[block]
+        targets = passage.targets(points)
+        solved = targets[: passage.solved]
+        unknowns = passage.start(*solved)
+        if guess is not None:
+            unknowns = passage.from_directions(guess[block], *solved)
+        steps = 0
+        if tolerance > 1e-7 and passage.smooth:
+            # Early steps need few digits: half the width, half the memory.
+            enough = tolerance > 5e-6
+            rough, steps = newton(
+                passage,
+                [part.astype(np.float32) for part in unknowns],
+                [part.astype(np.float32) for part in solved],
+                small=small if enough else 3e-3,
+                most=8,
+            )
+            unknowns = [part.astype(np.float64) for part in rough]
+            if not enough:
+                unknowns, more = newton(passage, unknowns, solved, small=small, most=8)
+                steps = steps + more
+        else:
+            unknowns, steps = newton(passage, unknowns, solved, small=small, most=passage.most)
+        settled = slots.put(MAIN, block, unknowns, targets, True)
+        if not settled.all():
+            left.append(block.start + np.flatnonzero(~settled))
+        most.append(int(np.max(steps, where=settled, initial=0)))
 
-    in_blocks(work, total)
-    return [ell, zeta, side, done.astype(float)], max(most, default=0), done
+    in_blocks(work, len(slots.points))
+    left = np.sort(np.concatenate(left)) if left else np.zeros(0, dtype=np.intp)
+    return left, max(most, default=0)
 
 
-def _sorted_roots(passage, legs):
-    """Images of a block, by sheet: (key, indices, ℓ, ζ, side)."""
-    found = []
+def _guessed(guess, passage, finite) -> NDArray | None:
+    """Directions of an earlier result on the sheet of a direct passage, if they are of use."""
+    name = (passage.number, passage.branch.interfaces, *MAIN)
+    if guess is None or not passage.guessable or name not in guess.sheet:
+        return None
+    directions = np.asarray(guess.direction[guess.sheet.index(name)], dtype=float)
+    if not finite.all():
+        directions = directions[finite]
+    return directions if np.isfinite(directions).all() else None
+
+
+def _by_curves(slots: Slots, left) -> None:
+    """All images of the points `left`, sheet by sheet, by bracketing on their curves."""
+    passage = slots.passage
+    cells = 1 if passage.direct or passage.single else CELLS
+    found: list[tuple] = []
+
+    def search(block: slice) -> None:
+        index = left[block]
+        targets = passage.targets(slots.points[index])
+        legs = [Leg(Curves(passage, side, *targets[:3]), cells) for side in passage.sides]
+        sheets = _images(passage, legs)
+        found.append((index, targets, sheets, [Placing(leg) for leg in legs]))
+
+    in_blocks(search, len(left), BLOCK // cells)
+    keys = sorted({key for _, _, sheets, _ in found for key in sheets} | set(slots.by_key))
+
+    def write(number: slice) -> None:
+        index, targets, sheets, placings = found[number.start]
+        for key in keys:
+            ell, zeta, side, has = _sheet(key, sheets, placings, len(index))
+            slots.put(key, index, (ell, zeta, side), targets, has)
+
+    for key in keys:
+        slots.slot(key)
+    in_blocks(write, len(found), 1)
+
+
+def _images(passage, legs) -> dict[tuple, tuple]:
+    """Images on the curves of a block, by sheet: indices, ℓ, ζ and leg."""
+    sheets: dict[tuple, list] = {}
     taken: dict[tuple, NDArray] = {}
     for leg in legs:
-        roots = leg.roots()
-        side = leg.curves.side
+        roots, side = leg.roots(), leg.curves.side
         ell, zeta = leg.curves.take(roots.index).invariants(roots.tau, roots.tangent, roots.mirror)
         upright = roots.rising == (passage.orientation(side) > 0)
         ranks = rank_of(roots.piece, roots.mirror)
         keys = np.stack([upright, ranks, roots.winding], axis=-1).astype(int)
-        for key in np.unique(keys, axis=0):
-            which = np.flatnonzero((keys == key).all(axis=-1))
-            index = roots.index[which]
-            key = tuple(int(part) for part in key)
-            used = taken.setdefault(key, np.zeros(len(leg.curves.radius), dtype=bool))
+        for part in np.unique(keys, axis=0):
+            which = np.flatnonzero((keys == part).all(axis=-1))
+            main = tuple(int(number) for number in part)
+            used = taken.setdefault(main, np.zeros(len(leg.curves.radius), dtype=bool))
+            again = used[roots.index[which]]
+            used[roots.index[which]] = True
             # Both legs may hold an image of one sheet: the second gets a slot of its own.
-            again = used[index]
-            used[index] = True
-            for mask, copy in ((~again, 0), (again, 1)):
+            for copy, mask in enumerate((~again, again)):
                 if mask.any():
-                    part = which[mask]
-                    found.append(
-                        (
-                            (*key, copy),
-                            roots.index[part],
-                            ell[part],
-                            zeta[part],
-                            np.full(len(part), float(side)),
-                        )
+                    some = which[mask]
+                    sheets.setdefault((*main, copy), []).append(
+                        (roots.index[some], ell[some], zeta[some], np.full(len(some), side))
                     )
-    return found
+    return {
+        key: tuple(np.concatenate(part) for part in zip(*parts, strict=True))
+        for key, parts in sheets.items()
+    }
 
 
-def _place(key, block, placings, lost, ell, zeta, side):
-    """Put targets without an image at the nearest edge of the sheet."""
+def _sheet(key, sheets, placings, count):
+    """ℓ, ζ, leg of one sheet for all points of a block, and which of them have the image.
+
+    Points without the image lie at the sheet's nearest edge; in front of a cusp, where the sheets
+    round it are one, they go on along the first.
+    """
+    ell, zeta, side = np.zeros(count), np.zeros(count), np.ones(count)
     upright, rank, winding, _ = key
+    has = np.zeros(count, dtype=bool)
+    known = np.zeros(count, dtype=bool)
+    for name in (key, (upright, 0, winding, 0)):
+        if name not in sheets:
+            continue
+        index, *values = sheets[name]
+        new = ~known[index]
+        index = index[new]
+        for mine, value in zip((ell, zeta, side), values, strict=True):
+            mine[index] = value[new]
+        known[index] = True
+        if name == key:
+            has = known.copy()
+    lost = np.flatnonzero(~known)
     best = np.full(len(lost), np.inf)
-    for placing in placings:
+    for placing in placings if len(lost) else ():
         at_ell, at_zeta, gap = placing.nearest(bool(upright), rank, winding, lost)
         closer = gap < best
-        index = block[lost[closer]]
-        ell[index], zeta[index], side[index] = (
-            at_ell[closer],
-            at_zeta[closer],
-            placing.curves.side,
-        )
+        index = lost[closer]
+        ell[index], zeta[index] = at_ell[closer], at_zeta[closer]
+        side[index] = placing.curves.side
         best = np.where(closer, gap, best)
+    return ell, zeta, side, has

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .glasses import CylinderGlass, SphereGlass
-from .images import Image
+from .images import View
 from .paths import Branch, ParallelView
 
 Floats = NDArray[np.float64]
@@ -177,16 +177,25 @@ def _paired(walls: tuple[Term, ...]):
     return tuple(pairs), tuple(singles), power
 
 
-class Passage:
+class CoaxialPassage:
     """One stretch of one branch: everything its equations need, for one viewpoint.
 
     Lengths are in outer radii. `turn` is the constant part of the line's azimuth in half turns.
     """
 
+    solved = 3
+    most = 12
+
     def __init__(
-        self, glass: CylinderGlass | SphereGlass, frame: Frame, branch: Branch, stretch: int
+        self,
+        glass: CylinderGlass | SphereGlass,
+        eye: Floats | ParallelView,
+        branch: Branch,
+        stretch: int,
     ) -> None:
+        frame = frame_of(glass, eye)
         media = glass.media
+        self.extent = getattr(glass, "extent", None)
         radii = [radius / frame.scale for radius in glass.radius]
         self.frame = frame
         self.media, self.radii = media, radii
@@ -226,6 +235,16 @@ class Passage:
         if not limits:
             limits = {(self.ior * self.ior, 1.0)}
         self.limits = _extremal(limits, least, min)
+        self.single = self._single()
+        # The straight ray is a good start unless something is reflected.
+        self.direct = self.single and "R" not in branch.events[:stretch]
+        # Float32 holds the squares and products of radii that differ little.
+        self.smooth = (
+            min(radii) > 0.05
+            and len(branch.interfaces) <= 8
+            and (frame.eye_radius is None or 0.05 < frame.eye_radius < 1e3)
+        )
+        self.guessable = frame.eye is not None and not frame.spherical
 
     # ---- limits -------------------------------------------------------------------------
 
@@ -343,31 +362,55 @@ class Passage:
 
     # ---- targets ------------------------------------------------------------------------
 
-    def candidates(self, points: Floats) -> NDArray[np.bool_]:
-        """Which points (N, 3) lie in the medium of this stretch, its interfaces included."""
-        if self.frame.spherical:
-            radius = np.sqrt(np.sum(points * points, axis=-1)) / self.frame.scale
-        else:
-            radius = np.hypot(points[:, 0], points[:, 1]) / self.frame.scale
-        return (radius <= self.outer * (1.0 + NEARLY)) & (radius >= self.inner * (1.0 - NEARLY))
+    def candidates(self, radii: Floats) -> NDArray[np.bool_]:
+        """Which distances from the axis (N,), metres, lie in the medium of this stretch.
+
+        Its interfaces are included.
+        """
+        scale = self.frame.scale
+        return (radii <= scale * self.outer * (1.0 + NEARLY)) & (
+            radii >= scale * self.inner * (1.0 - NEARLY)
+        )
+
+    def empty(self) -> bool:
+        """Whether no ray takes the path at all."""
+        zeta = self.frame.zeta
+        return self.domain.zeta_max <= abs(zeta or 0.0)
 
     def targets(self, points: Floats) -> tuple[Floats, ...]:
         """Points in the frame: x, y, z in outer radii, moved radially into the medium."""
         frame = self.frame
-        scaled = points / frame.scale
+        per = 1.0 / frame.scale
         if frame.spherical:
+            scaled = points * per
             x = scaled @ frame.axes[0]
             y = np.sqrt(np.sum((scaled - x[:, None] * frame.axes[0]) ** 2, axis=-1))
             z = np.zeros(len(x))
         else:
-            x = scaled[:, 0] * frame.axes[0, 0] + scaled[:, 1] * frame.axes[0, 1]
-            y = scaled[:, 1] * frame.axes[0, 0] - scaled[:, 0] * frame.axes[0, 1]
-            z = scaled[:, 2] - (0.0 if frame.eye is None else frame.eye[2])
-        radius = np.hypot(x, y)
-        wanted = np.clip(radius, max(self.inner, TINY), self.outer)
-        on_axis = radius < TINY
-        factor = wanted / np.where(on_axis, 1.0, radius)
-        return np.where(on_axis, -TINY, x * factor), np.where(on_axis, 0.0, y * factor), z
+            cosine, sine = (float(part) * per for part in frame.axes[0, :2])
+            x = points[:, 0] * cosine + points[:, 1] * sine
+            y = points[:, 1] * cosine - points[:, 0] * sine
+            z = points[:, 2] * per
+            if frame.eye is not None:
+                z -= float(frame.eye[2])
+        radius2 = x * x + y * y
+        low = max(self.inner, TINY)
+        if radius2.min(initial=np.inf) < low * low or radius2.max(initial=0.0) > self.outer**2:
+            radius = np.hypot(x, y)
+            on_axis = radius < TINY
+            factor = np.clip(radius, low, self.outer) / np.where(on_axis, 1.0, radius)
+            x, y = np.where(on_axis, -low, x * factor), np.where(on_axis, 0.0, y * factor)
+        return x, y, z
+
+    def from_directions(self, direction, x, y, z):
+        """Invariants of rays that leave the eye along `direction` (N, 3), as a start."""
+        frame = self.frame
+        cosine, sine = (float(part) for part in frame.axes[0, :2])
+        direction = np.clip(direction, -1.0, 1.0)
+        ell = (direction[:, 1] * cosine - direction[:, 0] * sine) * (
+            self.eye_ior * frame.eye_radius
+        )
+        return self.into_domain(ell, direction[:, 2] * self.eye_ior)
 
     def start(self, x, y, z):
         """The invariants of the straight ray from the eye, moved into the domain."""
@@ -381,8 +424,10 @@ class Passage:
             ell, zeta = frame.eye_radius * y * reach, z * reach
         return self.into_domain(ell, zeta, 0.95)
 
-    def into_domain(self, ell, zeta, part=1.0 - 1e-12):
+    def into_domain(self, ell, zeta, part=None):
         """The nearest invariants within `part` of the domain."""
+        if part is None:
+            part = 1.0 - 1e-12 if ell.dtype == np.float64 else 1.0 - 1e-6
         zeta2 = zeta * zeta
         end = part * self.zeta_max
         if self.frame.zeta is None and zeta2.max(initial=0.0) > end * end:
@@ -452,7 +497,7 @@ class Passage:
         """Sign of dF/dℓ on a leg for images that no caustic has turned over."""
         return self.eye_side * side
 
-    def single(self) -> bool:
+    def _single(self) -> bool:
         """Whether every target has at most one image here, whatever its place.
 
         ∂ψ/∂ℓ at fixed ζ is Σ c/√(k² − ℓ²), k = P·r; its Taylor coefficients in ℓ² are positive
@@ -521,48 +566,80 @@ class Passage:
 
     # ---- images -------------------------------------------------------------------------
 
-    def image(self, ell, zeta, x, y, z, points, side=None) -> tuple[Image, Floats]:
-        """What the eye sees along rays (ℓ, ζ); also how far behind the foot the target lies.
+    def image(self, unknowns, targets, points, miss: float, view: View):
+        """Write what the eye sees along rays (ℓ, ζ).
 
-        With `side` (±1) the image lies where the ray meets the target's radius before or after
-        the foot, which is the target itself for rays that pass it.
+        A third unknown is the leg (−1 before the foot, 1 after it) on which the image lies, where
+        the ray meets the target's radius; without it, it lies nearest to the target.
+        Returns which rays pass their targets, and which of them take the whole path too.
         """
-        frame = self.frame
+        frame, scale = self.frame, self.frame.scale
+        ell, zeta, *leg = unknowns
+        x, y, z = targets
         line = self.follow(ell, zeta, slopes=False)
         along, across, rise, p = line.misses(x, y, z)
-        if side is not None:
-            off = ell / p
-            along = side * np.sqrt(np.maximum(x * x + y * y - off * off, 0.0))
+        per = 1.0 / p
+        if leg:
+            off = ell * per
+            along = leg[0] * np.sqrt(np.maximum(x * x + y * y - off * off, 0.0))
         if frame.zeta is not None:
             rise = 0.0  # the ray's height is free in a parallel view, and no matter in a sphere
-        residual = np.sqrt(across * across + (rise * p / self.ior) ** 2)
-        length = line.length + along * self.ior / p
-        scale = frame.scale
-        basis = frame.axes
-        if frame.spherical:
-            basis = (basis[0], self._sideways(points))
+        residual = rise * p
+        residual *= 1.0 / self.ior
+        residual *= residual
+        residual = np.sqrt(across * across + residual)
+        length = line.length + along * (self.ior * per)
+        passes = residual <= miss * (length + 1.0)
+        if not leg and len(self.sides) == 1:
+            passes &= along * self.sides[0] >= 0.0
         if frame.eye is None:
-            p_eye = np.sqrt(self.eye_ior**2 - zeta * zeta)
-            foot_y = ell / p_eye
-            foot = foot_y[:, None] * basis[1]
-            if not frame.spherical:
-                level = z - line.height - zeta * along / p
-                foot = foot + level[:, None] * basis[2]
-            direction = np.broadcast_to(frame.direction, points.shape)
-            position = scale * (foot + length[:, None] * frame.direction)
-            distance = position @ frame.direction
+            self._write_parallel(ell, zeta, line, along, z, length, residual, points, view)
         else:
-            radius = frame.eye_radius
-            p2 = self.eye_ior**2 - zeta * zeta
-            w = np.sqrt(np.maximum(p2 * radius**2 - ell * ell, 0.0))
-            direction = (self.eye_side * w / radius)[:, None] * basis[0]
-            direction = direction + (ell / radius)[:, None] * basis[1]
-            if not frame.spherical:
-                direction = direction + zeta[:, None] * basis[2]
-            direction = direction / np.sqrt(np.sum(direction * direction, axis=-1))[:, None]
-            distance = scale * length
-            position = scale * frame.eye + distance[:, None] * direction
-        return Image(direction, distance, position, scale * residual), along
+            self._write_perspective(ell, zeta, length, residual, points, view)
+        valid = self.taken(ell, zeta) & passes
+        if self.extent is not None:
+            start = 0.0 if frame.eye is None else float(frame.eye[2])
+            low, high = (end / scale - start for end in self.extent)
+            for level in self.crossings(ell, zeta, x, y, z):
+                valid &= (level >= low) & (level <= high)
+        return passes, valid
+
+    def _basis(self, points):
+        """Components of the frame's x and y axes: numbers, or (N,) arrays for spheres."""
+        if self.frame.spherical:
+            return self.frame.axes[0], self._sideways(points).T
+        return self.frame.axes[0], self.frame.axes[1]
+
+    def _write_perspective(self, ell, zeta, length, residual, points, view) -> None:
+        frame = self.frame
+        first, second = self._basis(points)
+        radius = frame.eye_radius
+        zeta2 = zeta * zeta
+        w = _radial(self.eye_ior**2 - zeta2, radius * radius, ell * ell)
+        # n·d is w/r along the radius of the eye, ℓ/r across it and ζ along the axis.
+        w *= self.eye_side / (radius * self.eye_ior)
+        turned = ell * (1.0 / (radius * self.eye_ior))
+        direction = [w * float(a) + turned * b for a, b in zip(first, second, strict=True)]
+        if not frame.spherical:
+            direction[2] = zeta * (1.0 / self.eye_ior)
+        distance = length * frame.scale
+        position = [
+            float(o) * frame.scale + distance * d for o, d in zip(frame.eye, direction, strict=True)
+        ]
+        view.write(direction, distance, position, residual * frame.scale)
+
+    def _write_parallel(self, ell, zeta, line, along, z, length, residual, points, view) -> None:
+        frame = self.frame
+        first, second = self._basis(points)
+        off = ell / np.sqrt(self.eye_ior**2 - zeta * zeta)
+        foot = [off * b for b in second]
+        if not frame.spherical:
+            foot[2] = z - line.height - zeta * along / line.momentum
+        position = [
+            frame.scale * (f + length * d) for f, d in zip(foot, frame.direction, strict=True)
+        ]
+        distance = sum(p * d for p, d in zip(position, frame.direction, strict=True))
+        view.write(frame.direction, distance, position, residual * frame.scale)
 
     def _sideways(self, points):
         """For spheres: the unit direction of y of each point, (N, 3)."""
@@ -580,7 +657,7 @@ class Passage:
 
 
 MOMENTS = np.unique(np.concatenate([np.arange(9), np.geomspace(9, 1e8, 64).round()]))
-"""Orders at which `Passage.single` looks; thin walls need high ones."""
+"""Orders at which `CoaxialPassage.single` looks; thin walls need high ones."""
 
 NEARLY = 1e-12
 """Relative width within which a point counts as on an interface."""
@@ -597,7 +674,7 @@ def _radial(p2, radius2, ell2):
     """w, kept above 0."""
     w = p2 * radius2
     w -= ell2
-    np.maximum(w, SMALLEST, out=w)
+    np.maximum(w, SMALLEST if w.dtype == np.float64 else 1e-12, out=w)
     return np.sqrt(w, out=w)
 
 

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .glasses import FlatGlass
-from .images import Image
+from .images import View
 from .paths import Branch, ParallelView
+from .tracing import inside_outline
 
 Floats = NDArray[np.float64]
 
@@ -28,11 +29,15 @@ Floats = NDArray[np.float64]
 class FlatPassage:
     """One stretch of one branch through flat layers, for one viewpoint."""
 
-    unknowns = 1
+    direct = True  # exactly one image a point
+    smooth = guessable = False  # a start this good gains nothing from either
+    solved = 3
+    most = 40
 
     def __init__(
         self, glass: FlatGlass, eye: Floats | ParallelView, branch: Branch, stretch: int
     ) -> None:
+        self.glass = glass
         heights = glass.heights
         media = glass.media
         self.branch, self.number = branch, stretch
@@ -69,32 +74,42 @@ class FlatPassage:
 
     # ---- targets ------------------------------------------------------------------------
 
-    def candidates(self, points: Floats) -> NDArray[np.bool_]:
-        """Which points (N, 3) lie in the medium of this stretch, its interfaces included."""
-        z = points[:, 2]
-        return (z <= self.top) & (z >= self.bottom)
+    def candidates(self, heights: Floats) -> NDArray[np.bool_]:
+        """Which z (N,) lie in the medium of this stretch, its interfaces included."""
+        return (heights <= self.top) & (heights >= self.bottom)
+
+    def empty(self) -> bool:
+        """Whether no ray takes the path at all."""
+        return self.parallel and self.seen_along() is None
 
     def targets(self, points: Floats) -> tuple[Floats, ...]:
-        """Lateral distance, vertical way in the last medium, and unit lateral direction.
+        """Lateral distance, vertical way in the last medium, a floor of x, and unit direction.
 
         Points outside the medium are moved vertically to its nearest interface.
         """
         z = np.clip(points[:, 2], self.bottom, self.top)
         way = np.abs(z - self.begin)
         if self.parallel:
-            across = np.broadcast_to(self.direction[:2], (len(points), 2))
+            across_x, across_y = self.direction[:2, None] * np.ones(len(points))
         else:
-            across = points[:, :2] - self.eye[:2]
-        lateral = np.hypot(across[:, 0], across[:, 1])
-        unit = across / np.where(lateral > 0.0, lateral, 1.0)[:, None]
-        return lateral, way, unit[:, 0], unit[:, 1]
+            across_x, across_y = points[:, 0] - self.eye[0], points[:, 1] - self.eye[1]
+        lateral = np.hypot(across_x, across_y)
+        inverse = 1.0 / np.where(lateral > 0.0, lateral, 1.0)
+        floor = self._floor(lateral, way)
+        return lateral, way, floor, across_x * inverse, across_y * inverse
 
     def _terms(self, way):
         for ior, fixed in self.ways:
             yield ior, (ior / self.thinnest) ** 2, fixed + way if ior == self.ior else fixed
 
-    def start(self, lateral, way):
+    def start(self, lateral, way, floor):
+        """Where Newton's steps begin: left of the root, from where they rise to it."""
+        return (floor.copy(),)
+
+    def _floor(self, lateral, way):
         """A point left of the root: the larger of two lower bounds of it."""
+        if self.parallel:
+            return np.full(len(lateral), self.seen_along())
         total, bounded, thin = 0.0, 0.0, 0.0
         for _, a, height in self._terms(way):
             total = total + height
@@ -109,6 +124,8 @@ class FlatPassage:
 
     def step(self, x, lateral, way, floor):
         """One Newton step; `floor` is a known lower bound. Returns x and the change in angle."""
+        if self.parallel:
+            return x, np.zeros(len(x))
         offset, slope = -lateral, 0.0
         x2 = x * x
         for _, a, height in self._terms(way):
@@ -140,48 +157,46 @@ class FlatPassage:
         a = (ior / self.thinnest) ** 2
         return np.sqrt((a + (a - 1.0) * x2) / (a * (1.0 + x2)))
 
-    def image(self, x, lateral, way, unit_x, unit_y, points) -> Image:
-        """What the eye sees of targets whose unknown is `x`."""
+    def image(self, unknowns, targets, points, miss: float, view: View):
+        """Write what the eye sees of targets.
+
+        Returns which points need no further search (all), and which have an image.
+        """
+        lateral, way, _, unit_x, unit_y = targets
+        steepest = self.steepest()
+        x = np.minimum(unknowns[0], steepest)
         x2 = x * x
         offset, length = 0.0, 0.0
         for ior, a, height in self._terms(way):
             offset = offset + height * (x / np.sqrt(a + (a - 1.0) * x2))
             length = length + height / self._cosine(ior, x2)
         sine = (self.thinnest / self.eye_ior) * x / np.sqrt(1.0 + x2)
-        direction = np.stack(
-            [
-                sine * unit_x,
-                sine * unit_y,
-                np.broadcast_to(-self.heading * self._cosine(self.eye_ior, x2), x.shape),
-            ],
-            axis=-1,
-        )
+        down = -self.heading * self._cosine(self.eye_ior, x2)
+        direction = sine * unit_x, sine * unit_y, down
         if self.parallel:
-            entry = np.stack(
-                [
-                    points[:, 0] - offset * unit_x,
-                    points[:, 1] - offset * unit_y,
-                    np.full(len(x), self.level),
-                ],
-                axis=-1,
-            )
-            residual = np.zeros(len(x))
-            position = entry + length[:, None] * direction
-            distance = length + entry @ self.direction
+            origin = points[:, 0] - offset * unit_x, points[:, 1] - offset * unit_y, self.level
+            direction = self.direction
+            distance = length + sum(o * d for o, d in zip(origin, direction, strict=True))
+            residual = 0.0
         else:
+            origin, distance = self.eye, length
             residual = np.abs(offset - lateral) * self._cosine(self.ior, x2)
-            position = self.eye + length[:, None] * direction
-            distance = length
-        return Image(direction, distance, position, residual)
+        position = [o + length * d for o, d in zip(origin, direction, strict=True)]
+        view.write(direction, distance, position, residual)
+        valid = (unknowns[0] < steepest) & (residual <= miss * length + SHORTEST)
+        if self.glass.outline is not None:
+            for at_x, at_y in self.crossings(x, way, unit_x, unit_y, points):
+                valid &= inside_outline(self.glass.outline, np.stack([at_x, at_y], axis=-1))
+        return np.ones(len(x), dtype=bool), valid
 
-    def crossings(self, x, lateral, way, unit_x, unit_y, points):
+    def crossings(self, x, way, unit_x, unit_y, points):
         """x and y of every interface that the path meets, the stretches to come included."""
         sine = self.thinnest * x / np.sqrt(1.0 + x * x)
         if self.parallel:
             offset = sum(h * (x / np.sqrt(a + (a - 1.0) * x * x)) for _, a, h in self._terms(way))
             at_x, at_y = points[:, 0] - offset * unit_x, points[:, 1] - offset * unit_y
         else:
-            at_x, at_y = self.eye[0], self.eye[1]
+            at_x, at_y = self.eye[:2, None] * np.ones(len(x))
         level = self.level
         for ior, height in self.met:
             room = np.maximum((ior - sine) * (ior + sine), SHORTEST)

@@ -175,7 +175,8 @@ class CylinderGlass(_Coaxial):
         object.__setattr__(self, "extent", _extent(self.extent))
 
     def distance_from_axis(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.hypot(points[..., 0], points[..., 1])
+        x, y = points[..., 0], points[..., 1]
+        return np.sqrt(x * x + y * y)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .paths import ParallelView
+
 Floats = NDArray[np.float64]
 
 
@@ -51,10 +53,56 @@ class ApparentPoints:
 
 
 @dataclass
-class Image:
+class Slot:
     """One image of N points: as in `ApparentPoints`, without the axis B."""
 
+    sheet: tuple
     direction: Floats
     distance: Floats
     position: Floats
+    valid: NDArray[np.bool_]
     residual: Floats
+
+    @classmethod
+    def empty(cls, sheet: tuple, count: int) -> Slot:
+        """A slot to be written."""
+        return cls(
+            sheet,
+            np.empty((count, 3)),
+            np.empty(count),
+            np.empty((count, 3)),
+            np.empty(count, dtype=bool),
+            np.empty(count),
+        )
+
+    @classmethod
+    def blank(cls, sheet: tuple, count: int, eye: Floats | ParallelView) -> Slot:
+        """A slot without images: everything at the eye."""
+        parallel = isinstance(eye, ParallelView)
+        slot = cls.empty(sheet, count)
+        slot.direction[:] = eye.direction if parallel else (0.0, 0.0, -1.0)
+        slot.position[:] = 0.0 if parallel else eye
+        slot.distance[:], slot.residual[:], slot.valid[:] = 0.0, 0.0, False
+        return slot
+
+    def columns(self) -> tuple:
+        return self.direction, self.distance, self.position, self.valid, self.residual
+
+    def part(self, where) -> View:
+        return View(self, where)
+
+
+@dataclass
+class View:
+    """Some points of a slot, to be written component by component."""
+
+    slot: Slot
+    where: slice | NDArray[np.intp]
+
+    def write(self, direction, distance, position, residual) -> None:
+        """Components of vectors as separate arrays (or numbers)."""
+        slot, where = self.slot, self.where
+        for axis in range(3):
+            slot.direction[where, axis] = direction[axis]
+            slot.position[where, axis] = position[axis]
+        slot.distance[where], slot.residual[where] = distance, residual

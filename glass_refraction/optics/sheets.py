@@ -3,9 +3,10 @@
 For a target at radius r, height z and azimuth φ, the rays that reach *some* point of its circle
 (same r and z) on one leg of the passage form a curve: ζ follows from ℓ, and the azimuth F at which
 the ray meets the circle is a function of one parameter τ. F is odd in ℓ, so only ℓ ≥ 0 is looked
-at, with ℓ = upper · sin τ up to the limit of the domain, which takes the square-root end out. Every solution of F = ±φ (mod 2π) is an image, and F turns round exactly
-where the curve meets a caustic. Its monotone *pieces* are the sheets: at most one image each, found
-by a bracket that cannot lose it.
+at, with ℓ = upper · sin τ up to the limit of the domain, which takes the square-root end out.
+Every solution of F = ±φ (mod 2π) is an image, and F turns round exactly where the curve meets a
+caustic. Its monotone *pieces* are the sheets: at most one image each, found by a bracket that
+cannot lose it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .coaxial import Passage
+from .coaxial import CoaxialPassage
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class State:
 class Curves:
     """The curves of n targets on one leg (`side` −1: before the foot, 1: after) of a passage."""
 
-    def __init__(self, passage: Passage, side: int, x: Floats, y: Floats, z: Floats) -> None:
+    def __init__(self, passage: CoaxialPassage, side: int, x: Floats, y: Floats, z: Floats) -> None:
         self.passage, self.side = passage, side
         self.radius = np.hypot(x, y)
         self.height = np.abs(z)
