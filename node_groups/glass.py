@@ -25,8 +25,12 @@ def build():
 
     inner = b.math("MAXIMUM", b.math("SUBTRACT", radius, wall), 0.0)
     slab = _slab(b, group.outputs["Geometry"], wall)
-    tube = _lathe(b, radius, inner, height, segments)
-    rod = _lathe(b, radius, 0.0, height, segments)
+    tube = _lathe(
+        b, segments, (radius, radius, inner, inner, radius), (0.0, height, height, 0.0, 0.0)
+    )
+    rod = _lathe(
+        b, segments, (0.0, radius, radius, 0.0, 0.0), (0.0, 0.0, height, height, height)
+    )
     sphere = _sphere(b, radius, inner, wall, segments)
 
     menu = b.node("MenuSwitch", data_type="GEOMETRY")
@@ -131,8 +135,8 @@ def _slab(b: TreeBuilder, outline, thickness):
     return smooth.outputs[0]
 
 
-def _lathe(b: TreeBuilder, outer, inner, height, segments):
-    """A closed tube: the profile outer foot, outer top, inner top, inner foot turned about z."""
+def _lathe(b: TreeBuilder, segments, radii, heights):
+    """A closed surface: the profile of five points (radius, z), turned about z."""
     columns = b.math("ADD", segments, 1.0)
     grid = b.node("MeshGrid")
     b.link(columns, grid.inputs["Vertices X"])
@@ -151,8 +155,8 @@ def _lathe(b: TreeBuilder, outer, inner, height, segments):
             b.link(value, node.inputs[slot + 1])
         return node.outputs[0]
 
-    r = along_profile((outer, outer, inner, inner, outer))
-    z = along_profile((0.0, height, height, 0.0, 0.0))
+    r = along_profile(radii)
+    z = along_profile(heights)
     place = b.node("ShaderNodeCombineXYZ")
     b.link(b.math("MULTIPLY", r, b.math("COSINE", angle)), place.inputs[0])
     b.link(b.math("MULTIPLY", r, b.math("SINE", angle)), place.inputs[1])
@@ -162,7 +166,7 @@ def _lathe(b: TreeBuilder, outer, inner, height, segments):
     b.link(place.outputs[0], move.inputs["Position"])
     merge = b.node("MergeByDistance")
     b.link(move.outputs[0], merge.inputs["Geometry"])
-    b.link(b.math("MULTIPLY", outer, 1e-6), merge.inputs["Distance"])
+    b.link(b.math("MULTIPLY", radii[1], 1e-6), merge.inputs["Distance"])
     return _smooth_but_rims(b, merge.outputs[0])
 
 

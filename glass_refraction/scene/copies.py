@@ -18,8 +18,6 @@ from .tessellation import (
     Images,
     Triangles,
     edge_images,
-    face_boxes,
-    overlaps,
     refine,
     region_probe,
     view_pixels,
@@ -144,10 +142,9 @@ def _check(triangles: Triangles, images: Images, solver: Solver, rect) -> tuple[
     edges, triangle_edges = triangles.edges()
     middles = solver.images(triangles.points[edges].mean(axis=1))
     found = edge_images(triangles.points, edges, images, middles, solver.view)
-    faces = overlaps(face_boxes(found.box, triangle_edges), rect)
-    near = np.zeros(len(edges), bool)
-    near[triangle_edges[faces].ravel()] = True
-    return bool(faces.any()), float(found.gap[near].max(initial=0.0))
+    near = found.near(triangle_edges, rect)
+    wrong = near & found.splittable()
+    return bool(near.any()), float(found.gap[wrong].max(initial=0.0))
 
 
 def _may_hide_more(triangles: Triangles, images: Images) -> bool:

@@ -23,7 +23,7 @@ MAX_ROUNDS = 18
 SHORT_EDGE_PX = 1.0
 """An edge whose ends appear this near to each other is not split, whatever lies between them."""
 ACROSS_PX = 3.0
-"""The same for an edge that passes through an interface of the glass."""
+"""The same for an edge between whose ends an image slot ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,13 +152,23 @@ class EdgeImages:
         (optics notes, section 6), the largest over the slots; 0 where nothing of the edge is seen.
     length : (E,) pixels between the images of the ends; infinite where only the middle is seen.
     box : (E, 4) pixels: low and high corner of what is seen; low > high where nothing is.
-    across : (E,) the edge passes through an interface of the glass.
+    across : (E,) a slot ends between the edge's ends.
     """
 
     gap: np.ndarray
     length: np.ndarray
     box: np.ndarray
     across: np.ndarray
+
+    def near(self, triangle_edges: np.ndarray, rect) -> np.ndarray:
+        """(E,) whether a triangle (T, 3) of the edge appears in the pixel rectangle."""
+        near = np.zeros(len(self.gap), bool)
+        near[triangle_edges[overlaps(face_boxes(self.box, triangle_edges), rect)].ravel()] = True
+        return near
+
+    def splittable(self) -> np.ndarray:
+        """(E,) whether the edge is long enough for a split to show."""
+        return self.length > np.where(self.across, ACROSS_PX, SHORT_EDGE_PX)
 
 
 def edge_images(
@@ -169,7 +179,6 @@ def edge_images(
     gap, length = np.zeros(count), np.zeros(count)
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     across = np.zeros(count, bool)
-    several = len(np.unique(ends.stretch[ends.valid.any(axis=1)])) > 1
     direct = view_pixels(view, points)
     direct_length = np.linalg.norm(direct[edges[:, 1]] - direct[edges[:, 0]], axis=1)
     names = _slot_names(middles)
@@ -191,21 +200,15 @@ def edge_images(
         off = np.linalg.norm(middle - chord, axis=1)
         apart = np.linalg.norm(second - first, axis=1)
         apart = np.where(valid.any(axis=1), apart, np.inf)
-        if several:
-            # Where a source reaches through an interface its parts are in different slots, and
-            # what a slot says beyond the interface means little: take the edge as it stands.
-            here = valid[:, 0] != valid[:, 1]
-            across |= here
-            off = np.where(here, direct_length, off)
-            apart = np.where(here, direct_length, apart)
+        # Where a slot ends between two vertices (at an interface, a fold, the edge of what the path
+        # can reach), what it says of the farther one means little: take the edge as it stands.
+        here = valid[:, 0] != valid[:, 1]
+        across |= here
+        off = np.where(here, direct_length, off)
+        apart = np.where(here, direct_length, apart)
         gap = np.maximum(gap, np.where(seen, off, 0.0))
         length = np.maximum(length, np.where(seen, apart, 0.0))
-        smooth = valid.any(axis=1) & ~(several & (valid[:, 0] != valid[:, 1]))
-        for corner, counts in (
-            (first, smooth | valid[:, 0]),
-            (second, smooth | valid[:, 1]),
-            (middle, middle_valid),
-        ):
+        for corner, counts in ((first, valid[:, 0]), (second, valid[:, 1]), (middle, middle_valid)):
             low = np.where(counts[:, None], np.minimum(low, corner), low)
             high = np.where(counts[:, None], np.maximum(high, corner), high)
     return EdgeImages(gap, length, np.concatenate((low, high), axis=1), across)
@@ -269,15 +272,12 @@ def refine(
         order = np.argsort(known)
         here = _taken(middles, order[np.searchsorted(known, keys, sorter=order)])
         found = edge_images(triangles.points, edges, ends, here, view)
-        faces = face_boxes(found.box, triangle_edges)
-        near = np.zeros(len(edges), bool)
-        near[triangle_edges[overlaps(faces, rect)].ravel()] = True
-        long = found.length > np.where(found.across, ACROSS_PX, SHORT_EDGE_PX)
-        worst = float(found.gap[near & long & ~found.across].max(initial=0.0))
+        near = found.near(triangle_edges, rect)
+        worst = float(found.gap[near & ~found.across].max(initial=0.0))
         visible = bool(near.any())
-        chosen = near & long & (found.gap > tolerance_px)
+        chosen = near & found.splittable() & (found.gap > tolerance_px)
         # A large face may be seen only somewhere in its middle: ask the rays.
-        unseen = np.nonzero(faces[:, 0] > faces[:, 2])[0]
+        unseen = np.nonzero(found.box[triangle_edges, 0].min(axis=1) == np.inf)[0]
         met = unseen[_met_by(probe, triangles.points[triangles.corners[unseen]])]
         chosen[triangle_edges[met].ravel()] = True
         if not chosen.any() or len(triangles.points) + chosen.sum() > MAX_VERTICES:

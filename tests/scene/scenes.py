@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Small scenes for the tests of this folder."""
+
+import bpy
+import numpy as np
+
+
+def emissive(name, rgb):
+    """A material that emits one colour."""
+    material = bpy.data.materials.new(name)
+    tree = material.node_tree
+    tree.nodes.clear()
+    emission = tree.nodes.new("ShaderNodeEmission")
+    emission.inputs["Color"].default_value = (*rgb, 1.0)
+    end = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(emission.outputs[0], end.inputs["Surface"])
+    return material
+
+
+def camera(location=(0.0, -0.5, 0.09), tilt=np.pi / 2 * 0.96, **settings):
+    """The scene's camera, looking along +y."""
+    data = bpy.data.cameras.new("Camera")
+    for name, value in settings.items():
+        setattr(data, name, value)
+    obj = bpy.data.objects.new("Camera", data)
+    obj.location, obj.rotation_euler = location, (tilt, 0.0, 0.0)
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.scene.camera = obj
+    return obj
+
+
+def striped_wall(distance=0.3, stripes=24, size=1.0):
+    """An upright wall of emissive vertical stripes; its colours tell where a ray went."""
+    x = np.linspace(-size / 2, size / 2, stripes + 1)
+    vertices = [(a, distance, z) for z in (-size / 2, size / 2) for a in x]
+    faces = [(k, k + 1, k + stripes + 2, k + stripes + 1) for k in range(stripes)]
+    mesh = bpy.data.meshes.new("Wall")
+    mesh.from_pydata(vertices, [], faces)
+    for k in range(3):
+        rgb = np.eye(3)[k] * 0.7 + 0.1
+        mesh.materials.append(emissive(f"stripe {k}", rgb))
+    mesh.polygons.foreach_set("material_index", np.arange(stripes, dtype=np.int32) % 3)
+    wall = bpy.data.objects.new("Wall", mesh)
+    bpy.context.scene.collection.objects.link(wall)
+    return wall
+
+
+def settings(width=80, height=60, samples=4, **glass):
+    """A small, plain, repeatable Cycles render."""
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = width, height
+    scene.render.resolution_percentage = 100
+    scene.cycles.samples = samples
+    scene.cycles.use_denoising = False
+    scene.cycles.use_adaptive_sampling = False
+    scene.view_settings.view_transform = "Standard"
+    for name, value in glass.items():
+        setattr(scene.refractive_glass, name, value)
+    return scene
+
+
+def glass(**values):
+    """Add a glass by its operator."""
+    assert bpy.ops.object.refractive_glass_add(**values) == {"FINISHED"}
+    return bpy.context.object
+
+
+def depsgraph():
+    """The evaluated scene."""
+    return bpy.context.evaluated_depsgraph_get()
+
+
+def picture(scene, folder, name="picture"):
+    """Render the scene as F12 does; linear (H, W, 4), bottom row first."""
+    image = scene.render.image_settings
+    image.media_type = "IMAGE"
+    image.file_format, image.color_depth = "OPEN_EXR", "32"
+    image.color_mode = "RGBA"
+    scene.render.filepath = str(folder / f"{name}.exr")
+    bpy.ops.render.render(write_still=True, scene=scene.name)
+    loaded = bpy.data.images.load(scene.render.filepath)
+    width, height = loaded.size
+    pixels = np.empty(width * height * 4, np.float32)
+    loaded.pixels.foreach_get(pixels)
+    bpy.data.images.remove(loaded)
+    return pixels.reshape(height, width, 4)
