@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Collection, Iterable, Iterator
+from functools import cache
 
 import bpy
 import numpy as np
@@ -58,6 +59,9 @@ _UNLINKED = {
     for name in ("Brick", "Checker", "Gabor", "Gradient", "Magic", "Noise", "Voronoi", "Wave")
 } | {"ShaderNodeTexEnvironment": POSITION}
 _SOURCE_PATHS = {"Color": "color", "Alpha": "color", "Object Index": "pass_index"}
+
+# Data of their own, in which a material's settings do not go on.
+_NESTED = (bpy.types.ID, bpy.types.Node, bpy.types.NodeSocket)
 
 _UINT = 0xFFFFFFFF
 
@@ -247,15 +251,32 @@ def _stands_for(candidate: bpy.types.Material, material: bpy.types.Material) -> 
     return own(candidate, ROLE) and candidate.get(_ORIGINAL) == material.name_full
 
 
-def dress(copy: bpy.types.Object, source: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> None:
-    """Give the copy the source's materials or their substitutes, and what these read of it.
+def dress(
+    copies: Iterable[bpy.types.Object], source: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> None:
+    """Give a source's copies its materials or their substitutes, and what these read of it.
 
     The materials sit in slots that are linked to the copy object: those win over the slots of the
     geometry, whether it comes from the source or is the carrier's own.
     """
     materials = slot_materials(source, depsgraph)
     reads = set().union(*(_reads(m) for m in materials))
-    wanted = [None if m is None else substitute(m) for m in materials]
+    substitutes = {m: substitute(m) for m in set(materials) - {None}}
+    for copy in copies:
+        _fill_slots(copy, [substitutes.get(m) for m in materials])
+        _set(copy, _COORDINATES, " ".join(sorted(_attributes(reads))))
+        if _OF_SOURCE in reads:
+            _set(copy, _SOURCE, source)
+        if _RANDOM in reads:
+            _set(copy, _RANDOM, _random(source))
+        if reads & {_NORMAL, _LOCATION} and _AXES[0] not in copy:
+            for column, name in enumerate(_AXES):
+                copy[name] = (0.0, 0.0, 0.0)
+                for row in range(3):
+                    _drive(copy, f'["{name}"]', row, source, column, row)
+
+
+def _fill_slots(copy: bpy.types.Object, wanted: list[bpy.types.Material | None]) -> None:
     slots = copy.data.materials
     while len(slots) > len(wanted):
         slots.pop()
@@ -266,16 +287,6 @@ def dress(copy: bpy.types.Object, source: bpy.types.Object, depsgraph: bpy.types
             slot.link = "OBJECT"
         if slot.material != material:
             slot.material = material
-    _set(copy, _COORDINATES, " ".join(sorted(_attributes(reads))))
-    if _OF_SOURCE in reads:
-        _set(copy, _SOURCE, source)
-    if _RANDOM in reads:
-        _set(copy, _RANDOM, _random(source))
-    if reads & {_NORMAL, _LOCATION} and _AXES[0] not in copy:
-        for column, name in enumerate(_AXES):
-            copy[name] = (0.0, 0.0, 0.0)
-            for row in range(3):
-                _drive(copy, f'["{name}"]', row, source, column, row)
 
 
 def remove_unused() -> None:
@@ -429,11 +440,6 @@ class _Builder:
         return node.outputs["Value" if operation == "DOT_PRODUCT" else "Vector"]
 
 
-# Fingerprints ------------------------------------------------------------------------------------
-
-_NESTED = (bpy.types.ID, bpy.types.Node, bpy.types.NodeSocket)
-
-
 def _fingerprint(material: bpy.types.Material) -> str:
     """A digest of all that a substitute takes from the material, groups included.
 
@@ -471,22 +477,28 @@ def _tree_state(tree: bpy.types.NodeTree) -> Iterator[str]:
 
 def _state(struct, path: str, skipped: set[str], moving: Collection[str]) -> Iterator[str]:
     """The settings of a piece of Blender data, with those of the pieces in it."""
-    for prop in struct.bl_rna.properties:
-        name = prop.identifier
+    for name, kind, is_readonly in _properties(type(struct)):
         if name in skipped:
             continue
-        value = getattr(struct, name)
+        # An add-on may have taken its property away meanwhile.
+        value = getattr(struct, name, None)
         inner = ()
-        if prop.type == "COLLECTION":
-            inner = [(f"{path}{name}[{i}].", item) for i, item in enumerate(value)]
-        elif prop.type == "POINTER" and value is not None and not isinstance(value, _NESTED):
+        if kind == "COLLECTION":
+            inner = [(f"{path}{name}[{i}].", item) for i, item in enumerate(value or ())]
+        elif kind == "POINTER" and value is not None and not isinstance(value, _NESTED):
             inner = [(f"{path}{name}.", value)]
-        elif not prop.is_readonly and path + name not in moving:
+        elif not is_readonly and path + name not in moving:
             yield f"{path}{name} {_plain(value)}"
         for inner_path, item in inner:
             if not isinstance(item, _NESTED):
                 # ``frame_current`` of a film follows the scene.
                 yield from _state(item, inner_path, {"rna_type", "frame_current"}, moving)
+
+
+@cache
+def _properties(kind: type) -> list[tuple[str, str, bool]]:
+    """Name, type and whether it is read-only of each property: slow to ask of every node."""
+    return [(p.identifier, p.type, p.is_readonly) for p in kind.bl_rna.properties]
 
 
 def _plain(value) -> str:

@@ -245,7 +245,7 @@ def compare(scene, source, *, write=write_carrier, copy=None):
     """Render the source and its copy, which is made and dressed here; returns both pictures."""
     if copy is None:
         copy = new_copy(source)
-        dress(copy, source, bpy.context.evaluated_depsgraph_get())
+        dress([copy], source, bpy.context.evaluated_depsgraph_get())
 
     def follow(rendered, depsgraph):
         if rendered == scene and depsgraph.mode == "RENDER":
@@ -512,13 +512,13 @@ def test_nothing_is_made_twice(scene):
         source.data.materials.append(built if build is not new_material else built[0])
     copy = new_copy(source)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    dress(copy, source, depsgraph)
+    dress([copy], source, depsgraph)
     before, drivers = blocks(), len(copy.animation_data.drivers)
     # Selecting, moving nodes, animation and another frame change nothing.
     for node in source.data.materials[0].node_tree.nodes:
         node.select, node.location.x = not node.select, 50
     scene.frame_set(8)
-    dress(copy, source, bpy.context.evaluated_depsgraph_get())
+    dress([copy], source, bpy.context.evaluated_depsgraph_get())
     assert blocks() == before and len(copy.animation_data.drivers) == drivers
     assert [slot.material.get(names.TAG) for slot in copy.material_slots] == 3 * ["substitute"] + [
         None
@@ -538,7 +538,7 @@ def test_edits_are_followed(scene):
     tree, inner = material.node_tree, bpy.data.node_groups["Inner"]
 
     def worn():
-        dress(copy, source, depsgraph)
+        dress([copy], source, depsgraph)
         return copy.material_slots[0].material
 
     def check(edit):
@@ -576,15 +576,15 @@ def test_renamed_and_removed_originals(scene):
     source.data.materials.append(material)
     copy = new_copy(source)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    dress(copy, source, depsgraph)
+    dress([copy], source, depsgraph)
     material.name, other.name = "Renamed", "Material"
-    dress(copy, source, depsgraph)
+    dress([copy], source, depsgraph)
     worn = copy.material_slots[0].material
     assert first(worn.node_tree, "Attribute").attribute_name == "rg_generated"
     assert worn != substitute(other)
     bpy.data.materials.remove(material)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    dress(copy, source, depsgraph)
+    dress([copy], source, depsgraph)
     assert copy.material_slots[0].material is None and dressed_coordinates(copy) == set()
     bpy.data.materials.remove(other)
     remove_unused()
