@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Inside Blender with a window: what a newcomer does, one step after the other, between redraws.
+
+Argument: output folder. Takes screenshots, writes what it found as the result, quits.
+"""
+
+import json
+import subprocess
+import sys
+import traceback
+from pathlib import Path
+
+import addon_utils
+import bpy
+
+FOLDER = Path(sys.argv[-1])
+MODULE = "bl_ext.user_default.refractive_glass"
+RENDER_SECONDS = 240
+
+result = {}
+
+
+def screenshot(name):
+    subprocess.run(["import", "-window", "root", FOLDER / f"{name}.png"], check=True)
+
+
+def view_3d():
+    window = bpy.context.window_manager.windows[0]
+    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    return {"window": window, "area": area, "region": region}
+
+
+def own_blocks():
+    kinds = ("objects", "meshes", "scenes", "collections", "node_groups", "images", "materials")
+    return [
+        f"{kind}: {block.name}"
+        for kind in kinds
+        for block in getattr(bpy.data, kind)
+        # What nobody uses is dropped when the file is saved, the deleted glass's material too.
+        if "refractive_glass" in block and block.users > 0
+    ]
+
+
+def steps():
+    """Each ``yield`` gives Blender that many seconds to draw and to run its timers."""
+    scene = bpy.context.scene
+    render = scene.render
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 160, 120, 100
+    render.engine = "CYCLES"
+    scene.cycles.samples, scene.cycles.use_denoising = 2, False
+    # Without the mirror images, whose many vertices would make this a test of patience.
+    scene.refractive_glass.surface = "REFRACTION"
+    yield 2
+    with bpy.context.temp_override(**view_3d()):
+        area = bpy.context.area
+        area.spaces.active.show_region_ui = True
+        # Operators called by a script leave no undo step of their own.
+        bpy.ops.ed.undo_push(message="Start")
+        # Round the default cube: its edges are seen bent near the verge.
+        added = bpy.ops.object.refractive_glass_add(
+            "INVOKE_DEFAULT",
+            shape="CYLINDER",
+            radius=2.0,
+            wall_thickness=0.2,
+            height=3.0,
+            location=(0, 0, -1.5),
+        )
+        bpy.ops.ed.undo_push(message="Add glass")
+    result["added"] = list(added)
+    result["active"] = bpy.context.view_layer.objects.active.name
+    yield 3
+    result["evaluated_polygons"] = len(
+        bpy.context.object.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.polygons
+    )
+    result["problems_after_adding"] = problems(scene)
+    screenshot("window_glass_added")
+
+    ended = []
+    bpy.app.handlers.render_complete.append(lambda *_: ended.append("complete"))
+    bpy.app.handlers.render_cancel.append(lambda *_: ended.append("cancelled"))
+    with bpy.context.temp_override(**view_3d()):
+        bpy.ops.render.render("INVOKE_DEFAULT")
+    for _ in range(2 * RENDER_SECONDS):
+        yield 0.5
+        if ended and not bpy.app.is_job_running("RENDER"):
+            break
+    yield 2
+    result["render"] = ended
+    result["problems_after_rendering"] = problems(scene)
+    screenshot("window_rendered")
+    bpy.data.images["Render Result"].save_render(str(FOLDER / "window_picture.png"))
+    for window in list(bpy.context.window_manager.windows)[1:]:
+        with bpy.context.temp_override(window=window):
+            bpy.ops.wm.window_close()
+    yield 1
+
+    with bpy.context.temp_override(**view_3d()):
+        bpy.ops.ed.undo()
+    yield 2
+    result["objects_after_undo"] = sorted(o.name for o in bpy.context.scene.objects)
+    with bpy.context.temp_override(**view_3d()):
+        bpy.ops.ed.redo()
+    yield 2
+    result["objects_after_redo"] = sorted(o.name for o in bpy.context.scene.objects)
+
+    addon_utils.disable(MODULE)
+    yield 1
+    result["disabled"] = not hasattr(bpy.types.Scene, "refractive_glass")
+    addon_utils.enable(MODULE)
+    yield 1
+    result["enabled"] = hasattr(bpy.types.Scene, "refractive_glass")
+
+    with bpy.context.temp_override(**view_3d()):
+        for obj in [o for o in bpy.context.scene.objects if o.name.startswith("Refractive")]:
+            bpy.data.objects.remove(obj)
+    yield 3
+    result["left_after_removal"] = own_blocks()
+
+
+def problems(scene):
+    module = sys.modules[f"{MODULE}.glass_refraction.scene.update"]
+    return list(module.status(scene).problems)
+
+
+def advance():
+    try:
+        print(f"window: line {running.gi_frame.f_lineno}", flush=True)
+        return next(running)
+    except StopIteration:
+        (FOLDER / "result.json").write_text(json.dumps(result))
+    except Exception:
+        traceback.print_exc()
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+running = steps()
+bpy.app.timers.register(advance, first_interval=2.0, persistent=True)

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The installed extension in a Blender with a window: add a glass, F12, undo, disable, enable."""
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def found(installed):
+    installed.script("no_splash")
+    return installed.script("window", how="gui", seconds=400)
+
+
+def test_glass_is_added_and_drawn(found):
+    assert found["added"] == ["FINISHED"]
+    assert found["active"] == "Refractive Glass"
+    assert found["evaluated_polygons"] > 100
+    assert found["problems_after_adding"] == []
+    assert (found["folder"] / "window_glass_added.png").stat().st_size > 10_000
+
+
+def test_f12_renders(found):
+    assert found["render"] == ["complete"]
+    assert found["problems_after_rendering"] == []
+    assert (found["folder"] / "window_picture.png").is_file()
+
+
+def test_undo_takes_the_glass_away_and_redo_brings_it_back(found):
+    assert "Refractive Glass" not in found["objects_after_undo"]
+    assert "Refractive Glass" in found["objects_after_redo"]
+
+
+def test_disabled_and_enabled_again(found):
+    assert found["disabled"]
+    assert found["enabled"]
+
+
+def test_nothing_is_left_when_the_glass_is_removed(found):
+    assert found["left_after_removal"] == []
