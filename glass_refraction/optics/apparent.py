@@ -10,7 +10,7 @@ from .flat import FlatPassage
 from .glasses import FlatGlass, Glass
 from .images import ApparentPoints, Slot
 from .paths import LightPath, ParallelView, as_eye, as_path, branches
-from .sheets import Curves, Leg, Placing, rank_of
+from .sheets import Curves, Leg, Placing, rank_of, strays
 from .solver import BLOCK, in_blocks, newton
 
 
@@ -216,7 +216,7 @@ def _by_curves(slots: Slots, left) -> None:
         index = left[block]
         targets = passage.targets(slots.points[index])
         legs = [Leg(Curves(passage, side, *targets[:3]), cells) for side in passage.sides]
-        sheets = _images(passage, legs)
+        sheets = _images(passage, legs, targets)
         found.append((index, targets, sheets, [Placing(leg) for leg in legs]))
 
     in_blocks(search, len(left), BLOCK // cells)
@@ -233,12 +233,21 @@ def _by_curves(slots: Slots, left) -> None:
     in_blocks(write, len(found), 1)
 
 
-def _images(passage, legs) -> dict[tuple, tuple]:
+def _images(passage, legs, targets) -> dict[tuple, tuple]:
     """Images on the curves of a block, by sheet: indices, ℓ, ζ and leg."""
     sheets: dict[tuple, list] = {}
     taken: dict[tuple, NDArray] = {}
     for leg in legs:
         roots, side = leg.roots(), leg.curves.side
+        index, ell, zeta, upright = strays(leg.curves, targets, [roots])
+        again: dict[int, int] = {}
+        for number, point in enumerate(index):
+            again[point] = again.get(point, 1) + 1
+            key = (int(upright[number]), 0, 0, again[point] + 2 * (side > 0))
+            some = slice(number, number + 1)
+            sheets.setdefault(key, []).append(
+                (index[some], ell[some], zeta[some], np.full(1, side))
+            )
         ell, zeta = leg.curves.take(roots.index).invariants(roots.tau, roots.tangent, roots.mirror)
         upright = roots.rising == (passage.orientation(side) > 0)
         ranks = rank_of(roots.piece, roots.mirror)

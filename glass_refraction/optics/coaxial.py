@@ -497,6 +497,19 @@ class CoaxialPassage:
         """Sign of dF/dℓ on a leg for images that no caustic has turned over."""
         return self.eye_side * side
 
+    def upright(self, ell, zeta, x, y, z) -> NDArray[np.bool_]:
+        """Whether no caustic, or an even number, lies between the eye and each image."""
+        line = self.follow(ell, zeta)
+        along, side = line.along(x, y)
+        per = 1.0 / line.momentum
+        tilt = zeta * per
+        determinant = (per - line.turn_ell * along) * (
+            line.height_zeta + along * self.ior**2 * per**3 + tilt * line.turn_zeta * side
+        ) - (ell * tilt * per**2 - line.turn_zeta * along) * (
+            line.turn_zeta + tilt * line.turn_ell * side
+        )
+        return (determinant > 0.0) == (self.eye_side < 0)
+
     def _single(self) -> bool:
         """Whether every target has at most one image here, whatever its place.
 
@@ -589,7 +602,9 @@ class CoaxialPassage:
         residual *= residual
         residual = np.sqrt(across * across + residual)
         length = line.length + along * (self.ior * per)
-        passes = residual <= miss * (length + 1.0)
+        # Along the axis P² = n² − ζ² keeps few digits, and with it the height of the meeting.
+        blurred = 1e-15 * self.eye_ior**2 / (self.zeta_max**2 - zeta * zeta)
+        passes = residual <= (miss + blurred) * (length + 1.0)
         if not leg and len(self.sides) == 1:
             passes &= along * self.sides[0] >= 0.0
         if frame.eye is None:

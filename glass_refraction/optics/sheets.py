@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coaxial import CoaxialPassage
+from .solver import newton
 
 Floats = NDArray[np.float64]
 
@@ -130,6 +131,46 @@ class Curves:
         here = self.state(tau, zero, turning=False)
         return np.minimum(self.height / np.maximum(here.height_zeta * self.zeta_max, FLOOR), STEEP)
 
+    def corner(self) -> Floats:
+        """The ζ* at which the limit of the domain changes; 0 where it does not."""
+        corner2 = np.zeros(len(self.radius))
+        lines = [*self.passage.limits, (self.passage.ior**2, self.radius * self.radius)]
+        for number, (n2, r2) in enumerate(lines):
+            for m2, s2 in lines[:number]:
+                apart = r2 - s2
+                square = (n2 * r2 - m2 * s2) / np.where(apart == 0.0, np.inf, apart)
+                inner = (square > 0.0) & (square < self.zeta_max**2)
+                # Only where the two lines that cross are the least of all.
+                least, _ = self.passage.upper_limit(
+                    np.where(inner, square, 0.0), self.radius * self.radius
+                )
+                inner &= (n2 - square) * r2 <= least * (1.0 + 1e-9)
+                corner2 = np.where(inner, square, corner2)
+        return np.sqrt(corner2)
+
+    def folded(self, corner: Floats) -> NDArray[np.bool_]:
+        """Targets at whose height the height may fall with ζ near a corner of the domain."""
+        some = np.flatnonzero(corner > 0.0)
+        result = np.zeros(len(corner), dtype=bool)
+        if not len(some):
+            return result
+        here = self.take(some)
+        part = np.geomspace(1e-4, 0.9, 12)[:, None]
+        corner = corner[some]
+        zeta = np.concatenate(
+            [corner * (1.0 - part[::-1]), corner[None], corner + (self.zeta_max - corner) * part]
+        )
+        tangent = zeta / np.sqrt((self.zeta_max - zeta) * (self.zeta_max + zeta))
+        height = here.state(np.full((1, 1), EDGE), tangent, turning=False).height
+        highest = np.maximum.accumulate(height, axis=0)
+        lowest = np.minimum.accumulate(height[::-1], axis=0)[::-1]
+        falls = highest > lowest * (1.0 + 1e-12)
+        top = np.where(falls, highest, -np.inf).max(axis=0)
+        bottom = np.where(falls, lowest, np.inf).min(axis=0)
+        room = np.where(falls.any(axis=0), top - bottom, 0.0)
+        result[some] = (here.height < top + room) & (here.height > bottom - 2.0 * room)
+        return result
+
     def climb(self, tau: Floats, tangent: Floats, small: float, most: int) -> tuple[Floats, State]:
         """The tangent at which rays with this τ reach the target's height.
 
@@ -151,6 +192,94 @@ class Curves:
             if not change.any():
                 break
         return tangent, self.state(tau, tangent)
+
+
+def strays(curves: Curves, targets, known: list[Roots]) -> tuple[NDArray[np.intp], ...]:
+    """Images off the curves that `Leg` follows: index, ℓ, ζ, upright.
+
+    Where the limit of the domain passes from one radius to another at some ζ*, its edge has a
+    corner, and near it the height may fall with ζ along τ. The circle's curve then has a second
+    part near the corner. The few targets at such heights are searched on a lattice of τ and ζ;
+    every cell in which azimuth and height both change their sign starts Newton's steps.
+    """
+    passage = curves.passage
+    none = np.zeros(0, dtype=np.intp)
+    if not curves.free:
+        return none, none, none, none
+    corner = curves.corner()
+    some = np.flatnonzero(curves.folded(corner))
+    if not len(some):
+        return none, none, none, none
+    here = curves.take(some)
+    tau = EDGE * (1.0 - np.linspace(1.0, 0.0, 24) ** 2)[:, None, None]
+    spread = np.linspace(0.0, 1.0, 16)[:, None] ** 2
+    zeta = np.concatenate(
+        [
+            corner[some] * (1.0 - spread[:0:-1]),
+            corner[some] + (curves.zeta_max * (1.0 - 1e-9) - corner[some]) * spread,
+        ]
+    )
+    tangent = zeta / np.sqrt((curves.zeta_max - zeta) * (curves.zeta_max + zeta))
+    state = here.state(tau, np.broadcast_to(tangent, (24, *tangent.shape)))
+    crosses = _changes(state.height - here.height)
+    turns = 2.0 * HALF_TURN * np.arange(-3, 4)
+    starts = []
+    for mirror in (1.0, -1.0):
+        wanted = mirror * (here.azimuth + turns[:, None])
+        for aim in wanted:
+            cell = np.nonzero(crosses & _changes(state.turn - aim))
+            row, column, index = cell
+            middle = 0.5 * (tau[row, 0, 0] + tau[row + 1, 0, 0])
+            rise = 0.5 * (tangent[column, index] + tangent[column + 1, index])
+            ell, tilt = here.take(index).invariants(middle, rise, np.full(len(index), mirror))
+            starts.append((index, ell, tilt))
+    index, ell, tilt = (np.concatenate(part) for part in zip(*starts, strict=True))
+    index = some[index]
+    solved = [target[index] for target in targets]
+    (ell, tilt), steps = newton(passage, [ell, tilt], solved, small=1e-9, most=30)
+    line = passage.follow(ell, tilt)
+    along, across, rise, _ = line.misses(*solved)
+    good = (steps <= 30) & (along * curves.side >= 0.0)
+    good &= np.abs(across) + np.abs(rise) <= 1e-10 * (1.0 + np.hypot(along, rise + solved[2]))
+    for roots in known:
+        at_ell, at_zeta = curves.take(roots.index).invariants(
+            roots.tau, roots.tangent, roots.mirror
+        )
+        good &= ~_same(index, ell, tilt, roots.index, at_ell, at_zeta)
+    index, ell, tilt = index[good], ell[good], tilt[good]
+    first = np.ones(len(index), dtype=bool)
+    for number in range(1, len(index)):
+        earlier = slice(0, number)
+        first[number] = not (
+            first[earlier]
+            & (index[earlier] == index[number])
+            & (np.abs(ell[earlier] - ell[number]) < 1e-7)
+            & (np.abs(tilt[earlier] - tilt[number]) < 1e-7)
+        ).any()
+    index, ell, tilt = index[first], ell[first], tilt[first]
+    upright = passage.upright(ell, tilt, *(target[index] for target in targets))
+    return index, ell, tilt, upright
+
+
+def _changes(values: Floats) -> NDArray[np.bool_]:
+    """Cells of a lattice (rows, columns, n) whose corners differ in sign."""
+    high = values > 0.0
+    corners = high[1:, 1:], high[1:, :-1], high[:-1, 1:], high[:-1, :-1]
+    count = sum(corner.astype(np.int8) for corner in corners)
+    return (count > 0) & (count < 4)
+
+
+def _same(index, ell, zeta, other_index, other_ell, other_zeta) -> NDArray[np.bool_]:
+    """Which of the first images are among the others."""
+    order = np.argsort(other_index, kind="stable")
+    found = np.zeros(len(index), dtype=bool)
+    low = np.searchsorted(other_index[order], index, side="left")
+    high = np.searchsorted(other_index[order], index, side="right")
+    for step in range(int((high - low).max(initial=0))):
+        at = order[np.minimum(low + step, len(order) - 1)]
+        near = (np.abs(other_ell[at] - ell) < 1e-7) & (np.abs(other_zeta[at] - zeta) < 1e-7)
+        found |= (low + step < high) & near
+    return found
 
 
 @dataclass
