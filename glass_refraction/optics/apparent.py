@@ -10,7 +10,7 @@ from .flat import FlatPassage
 from .glasses import FlatGlass, Glass
 from .images import ApparentPoints, Slot
 from .paths import LightPath, ParallelView, as_eye, as_path, branches
-from .sheets import Curves, Leg, Placing, rank_of, strays
+from .sheets import NO_PIECE, Curves, Leg, Placing, rank_of, strays
 from .solver import BLOCK, in_blocks, newton
 
 
@@ -127,7 +127,13 @@ class Slots:
         """The slot of a sheet, begun where it is new."""
         if key not in self.by_key:
             name = (self.passage.number, self.passage.branch.interfaces, *key)
-            self.by_key[key] = Slot.empty(name, len(self.points))
+            slot = self.by_key[key] = Slot.empty(name, len(self.points))
+            main = self.by_key.get(MAIN)
+            if key != MAIN and main is not None:
+                # Points that were settled at once have no image here: they stay where they are.
+                for mine, other in zip(slot.columns(), main.columns(), strict=True):
+                    mine[...] = other
+                slot.valid[:] = False
         return self.by_key[key]
 
     def put(self, key, where, unknowns, targets, found) -> NDArray[np.bool_]:
@@ -174,7 +180,7 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
             enough = tolerance > 5e-6
             rough, steps = newton(
                 passage,
-                [part.astype(np.float32) for part in unknowns],
+                passage.into_domain(*(part.astype(np.float32) for part in unknowns)),
                 [part.astype(np.float32) for part in solved],
                 small=small if enough else 3e-3,
                 most=8,
@@ -235,40 +241,37 @@ def _by_curves(slots: Slots, left) -> None:
 
 def _images(passage, legs, targets) -> dict[tuple, tuple]:
     """Images on the curves of a block, by sheet: indices, ℓ, ζ and leg."""
-    sheets: dict[tuple, list] = {}
-    taken: dict[tuple, NDArray] = {}
+    parts = []
     for leg in legs:
         roots, side = leg.roots(), leg.curves.side
-        index, ell, zeta, upright = strays(leg.curves, targets, [roots])
-        again: dict[int, int] = {}
-        for number, point in enumerate(index):
-            again[point] = again.get(point, 1) + 1
-            key = (int(upright[number]), 0, 0, again[point] + 2 * (side > 0))
-            some = slice(number, number + 1)
-            sheets.setdefault(key, []).append(
-                (index[some], ell[some], zeta[some], np.full(1, side))
-            )
         ell, zeta = leg.curves.take(roots.index).invariants(roots.tau, roots.tangent, roots.mirror)
         upright = roots.rising == (passage.orientation(side) > 0)
         ranks = rank_of(roots.piece, roots.mirror)
-        keys = np.stack([upright, ranks, roots.winding], axis=-1).astype(int)
-        for part in np.unique(keys, axis=0):
-            which = np.flatnonzero((keys == part).all(axis=-1))
-            main = tuple(int(number) for number in part)
-            used = taken.setdefault(main, np.zeros(len(leg.curves.radius), dtype=bool))
-            again = used[roots.index[which]]
-            used[roots.index[which]] = True
-            # Both legs may hold an image of one sheet: the second gets a slot of its own.
-            for copy, mask in enumerate((~again, again)):
-                if mask.any():
-                    some = which[mask]
-                    sheets.setdefault((*main, copy), []).append(
-                        (roots.index[some], ell[some], zeta[some], np.full(len(some), side))
-                    )
-    return {
-        key: tuple(np.concatenate(part) for part in zip(*parts, strict=True))
-        for key, parts in sheets.items()
-    }
+        parts.append((upright, ranks, roots.winding, roots.index, ell, zeta, side))
+    for leg, (*_, index, ell, zeta, side) in zip(legs, list(parts), strict=True):
+        index, ell, zeta, upright = strays(leg.curves, targets, (index, ell, zeta))
+        parts.append((upright, 0, 0, index, ell, zeta, side))
+    upright, rank, winding, index, ell, zeta, side = (
+        np.concatenate([np.broadcast_to(part[field], part[3].shape) for part in parts])
+        for field in range(7)
+    )
+    # Two legs, or a stray, may hold images of one sheet: the second gets a slot of its own. What
+    # both legs find where they meet is one image.
+    order = np.lexsort((index, winding, rank, upright))
+    names = np.stack([upright, rank, winding, index]).astype(int)[:, order]
+    again = np.append(False, (names[:, 1:] == names[:, :-1]).all(axis=0))[: len(order)]
+    copy = np.arange(len(order)) - np.maximum.accumulate(np.where(again, 0, np.arange(len(order))))
+    ell, zeta, side = ell[order], zeta[order], side[order]
+    near = np.abs(np.diff(ell, prepend=np.inf)) + np.abs(np.diff(zeta, prepend=np.inf)) < 1e-9
+    keep = ~(again & near)
+    keys = np.concatenate([names[:3], copy[None]])[:, keep]
+    index, ell, zeta, side = names[3][keep], ell[keep], zeta[keep], side[keep]
+    sheets = {}
+    for key in np.unique(keys, axis=1).T:
+        some = np.flatnonzero((keys == key[:, None]).all(axis=0))
+        name = tuple(int(number) for number in key)
+        sheets[name] = index[some], ell[some], zeta[some], side[some]
+    return sheets
 
 
 def _sheet(key, sheets, placings, count):
@@ -279,20 +282,8 @@ def _sheet(key, sheets, placings, count):
     """
     ell, zeta, side = np.zeros(count), np.zeros(count), np.ones(count)
     upright, rank, winding, _ = key
-    has = np.zeros(count, dtype=bool)
-    known = np.zeros(count, dtype=bool)
-    for name in (key, (upright, 0, winding, 0)):
-        if name not in sheets:
-            continue
-        index, *values = sheets[name]
-        new = ~known[index]
-        index = index[new]
-        for mine, value in zip((ell, zeta, side), values, strict=True):
-            mine[index] = value[new]
-        known[index] = True
-        if name == key:
-            has = known.copy()
-    lost = np.flatnonzero(~known)
+    has = _copy(sheets.get(key), (ell, zeta, side), np.ones(count, dtype=bool))
+    lost = np.flatnonzero(~has)
     best = np.full(len(lost), np.inf)
     for placing in placings if len(lost) else ():
         at_ell, at_zeta, gap = placing.nearest(bool(upright), rank, winding, lost)
@@ -301,4 +292,20 @@ def _sheet(key, sheets, placings, count):
         ell[index], zeta[index] = at_ell[closer], at_zeta[closer]
         side[index] = placing.curves.side
         best = np.where(closer, gap, best)
+    if rank:
+        open_to = np.zeros(count, dtype=bool)
+        open_to[lost[best >= NO_PIECE]] = True
+        _copy(sheets.get((upright, 0, winding, 0)), (ell, zeta, side), open_to)
     return ell, zeta, side, has
+
+
+def _copy(sheet, unknowns, open_to) -> NDArray[np.bool_]:
+    """Copy a sheet's images to the points that are open to them; returns which got one."""
+    got = np.zeros(len(open_to), dtype=bool)
+    if sheet is not None:
+        index, *values = sheet
+        some = open_to[index]
+        for unknown, value in zip(unknowns, values, strict=True):
+            unknown[index[some]] = value[some]
+        got[index[some]] = True
+    return got

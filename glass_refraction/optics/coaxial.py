@@ -235,7 +235,10 @@ class CoaxialPassage:
         if not limits:
             limits = {(self.ior * self.ior, 1.0)}
         self.limits = _extremal(limits, least, min)
-        self.single = self._single()
+        self.single = self.empty() or self._single()
+        # From very far an angle no longer tells how far a ray passes by: measure as from 100 radii.
+        away = 0.0 if frame.eye is None else float(np.sqrt(frame.eye @ frame.eye))
+        self.finer = max(1.0, away / FAR)
         # The straight ray is a good start unless something is reflected.
         self.direct = self.single and "R" not in branch.events[:stretch]
         # Float32 holds the squares and products of radii that differ little.
@@ -327,6 +330,7 @@ class CoaxialPassage:
             real, imag = np.ones_like(ell), np.zeros_like(ell)
         norm = real * real
         norm += imag * imag
+        np.maximum(norm, SMALLEST, out=norm)
         np.sqrt(norm, out=norm)
         np.divide(-1.0 if self.turn % 2 else 1.0, norm, out=norm)
         real = real * norm
@@ -483,6 +487,7 @@ class CoaxialPassage:
         change *= eye
         d *= line.eye_inverse
         change += np.abs(d, out=d)
+        change *= self.finer
         return new_ell, new_zeta, change
 
     def _step_known_zeta(self, ell, zeta, x, y):
@@ -491,7 +496,9 @@ class CoaxialPassage:
         a = 1.0 / line.momentum - line.turn_ell * along
         move = (side + ell / line.momentum) / np.where(a == 0.0, FLAT, a)
         new_ell, _ = self.into_domain(ell - move, zeta)
-        return new_ell, zeta, np.abs(move if self.eye_term is None else move * line.eye_inverse)
+        if self.eye_term is not None:
+            move = move * line.eye_inverse
+        return new_ell, zeta, np.abs(move) * self.finer
 
     def orientation(self, side: int) -> int:
         """Sign of dF/dℓ on a leg for images that no caustic has turned over."""
@@ -604,7 +611,7 @@ class CoaxialPassage:
         length = line.length + along * (self.ior * per)
         # Along the axis P² = n² − ζ² keeps few digits, and with it the height of the meeting.
         blurred = 1e-15 * self.eye_ior**2 / (self.zeta_max**2 - zeta * zeta)
-        passes = residual <= (miss + blurred) * (length + 1.0)
+        passes = residual <= miss * np.minimum(length + 1.0, FAR) + (1e-12 + blurred) * length
         if not leg and len(self.sides) == 1:
             passes &= along * self.sides[0] >= 0.0
         if frame.eye is None:
@@ -630,7 +637,7 @@ class CoaxialPassage:
         first, second = self._basis(points)
         radius = frame.eye_radius
         zeta2 = zeta * zeta
-        w = _radial(self.eye_ior**2 - zeta2, radius * radius, ell * ell)
+        w = np.sqrt(np.maximum((self.eye_ior**2 - zeta2) * radius**2 - ell * ell, 0.0))
         # n·d is w/r along the radius of the eye, ℓ/r across it and ζ along the axis.
         w *= self.eye_side / (radius * self.eye_ior)
         turned = ell * (1.0 / (radius * self.eye_ior))
@@ -673,6 +680,9 @@ class CoaxialPassage:
 
 MOMENTS = np.unique(np.concatenate([np.arange(9), np.geomspace(9, 1e8, 64).round()]))
 """Orders at which `CoaxialPassage.single` looks; thin walls need high ones."""
+
+FAR = 100.0
+"""Outer radii beyond which distance no longer excuses an error."""
 
 NEARLY = 1e-12
 """Relative width within which a point counts as on an interface."""

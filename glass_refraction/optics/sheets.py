@@ -86,7 +86,7 @@ class Curves:
         # Lengths are told from the edge of the domain, where w of the limiting term vanishes with
         # cos τ: so no difference of large numbers is left in F, Z and their derivatives.
         half2 = np.maximum(np.sin(0.5 * (EDGE - tau)) ** 2, ROUNDING)
-        sine, cosine2 = 1.0 - 2.0 * half2, 4.0 * half2 * (1.0 - half2)
+        sine, cosine2 = np.sin(tau), 4.0 * half2 * (1.0 - half2)
         ell = upper * sine
         below = upper2 * cosine2  # upper² − ℓ²
         at_edge = upper_r2 / upper2  # 1 / P² of the limiting term
@@ -139,7 +139,7 @@ class Curves:
             for m2, s2 in lines[:number]:
                 apart = r2 - s2
                 square = (n2 * r2 - m2 * s2) / np.where(apart == 0.0, np.inf, apart)
-                inner = (square > 0.0) & (square < self.zeta_max**2)
+                inner = (square > 0.0) & (square < self.zeta_max**2 * (1.0 - 1e-9))
                 # Only where the two lines that cross are the least of all.
                 least, _ = self.passage.upper_limit(
                     np.where(inner, square, 0.0), self.radius * self.radius
@@ -194,13 +194,14 @@ class Curves:
         return tangent, self.state(tau, tangent)
 
 
-def strays(curves: Curves, targets, known: list[Roots]) -> tuple[NDArray[np.intp], ...]:
+def strays(curves: Curves, targets, known) -> tuple[NDArray[np.intp], ...]:
     """Images off the curves that `Leg` follows: index, ℓ, ζ, upright.
 
     Where the limit of the domain passes from one radius to another at some ζ*, its edge has a
     corner, and near it the height may fall with ζ along τ. The circle's curve then has a second
     part near the corner. The few targets at such heights are searched on a lattice of τ and ζ;
-    every cell in which azimuth and height both change their sign starts Newton's steps.
+    every cell in which azimuth and height both change their sign starts Newton's steps. `known`
+    (index, ℓ, ζ) are images found already.
     """
     passage = curves.passage
     none = np.zeros(0, dtype=np.intp)
@@ -241,11 +242,7 @@ def strays(curves: Curves, targets, known: list[Roots]) -> tuple[NDArray[np.intp
     along, across, rise, _ = line.misses(*solved)
     good = (steps <= 30) & (along * curves.side >= 0.0)
     good &= np.abs(across) + np.abs(rise) <= 1e-10 * (1.0 + np.hypot(along, rise + solved[2]))
-    for roots in known:
-        at_ell, at_zeta = curves.take(roots.index).invariants(
-            roots.tau, roots.tangent, roots.mirror
-        )
-        good &= ~_same(index, ell, tilt, roots.index, at_ell, at_zeta)
+    good &= ~_same(index, ell, tilt, *known)
     index, ell, tilt = index[good], ell[good], tilt[good]
     first = np.ones(len(index), dtype=bool)
     for number in range(1, len(index)):
@@ -310,9 +307,7 @@ class Leg:
         tangent, state = curves.climb(taus[:, None], curves.start(taus[:, None]), 1e-7, 30)
         slope = np.array(state.slope(curves.free))
         self.last_turn, self.last_tangent = state.turn[-1], tangent[-1]
-        flattest = np.argmin(np.abs(slope), axis=0)
-        self.flat_tau = taus[flattest]
-        self.flat_tangent = tangent[flattest, np.arange(count)]
+        self.first_tangent = tangent[0]
         # Ends of parts, target by target.
         tau, index = np.tile(taus, count), np.repeat(np.arange(count), len(taus))
         ends = [part.T.ravel() for part in (tangent, state.turn, slope)]
@@ -522,13 +517,13 @@ class Placing:
         self.rising_first = leg.rising_first
         self.ends_tau, self.ends_turn = leg.ends_tau, leg.ends_turn
         self.ends_tangent = leg.ends_tangent
-        self.flat_tau, self.flat_tangent = leg.flat_tau, leg.flat_tangent
+        self.first_tangent = leg.first_tangent
 
     def nearest(self, upright: bool, rank: int, winding: int, index) -> tuple[Floats, ...]:
         """The edge of a sheet nearest to targets `index`: ℓ, ζ, and the gap in azimuth.
 
-        Where the target's curve has no such piece, the flattest place of the curve: the sheet
-        begins there, at a cusp.
+        Where the target's curve has no such piece (gap `NO_PIECE`) the middle of the curve: the
+        sheet begins there, at a cusp.
         """
         curves = self.curves.take(index)
         orient = curves.passage.orientation(curves.side)
@@ -549,9 +544,9 @@ class Placing:
         row = np.where(first, before, row)
         tau, tangent = self.ends_tau[row, index], self.ends_tangent[row, index]
         gap = np.abs(wanted - np.where(first, begin_turn, end_turn))
-        tau = np.where(missing, self.flat_tau[index], tau)
-        tangent = np.where(missing, self.flat_tangent[index], tangent)
-        gap = np.where(missing, 4.0 * HALF_TURN + gap, gap)
+        tau = np.where(missing, 0.0, tau)
+        tangent = np.where(missing, self.first_tangent[index], tangent)
+        gap = np.where(missing, NO_PIECE, gap)
         ell, zeta = curves.invariants(tau, tangent, mirror)
         return ell, zeta, gap
 
@@ -563,6 +558,9 @@ def rank_of(piece, mirror):
 
 ROUNDING = 1e-32
 """Floor of sin²((π/2 − τ)/2): the edge of the domain to float64."""
+
+NO_PIECE = 1e3
+"""Gap that stands for a piece that a target's curve does not have."""
 
 FLOOR = 1e-40
 STEEP = 1e6

@@ -1,0 +1,288 @@
+"""Cases at the limits of geometry and of floating point: never NaN, never a warning."""
+
+import numpy as np
+import pytest
+from rays import false_images
+
+from glass_refraction import optics
+
+PIXEL = 1.0 / 2400.0
+HOLLOW = optics.CylinderGlass((0.04, 0.037), (1.5, 1.0))
+FILLED = optics.CylinderGlass((0.04, 0.037), (1.5, 1.333))
+BALL = optics.SphereGlass((0.04,), (1.5,))
+SLAB = optics.FlatGlass((0.01,), (1.5,))
+EYE = np.array([0.5, 0.02, 0.1])
+
+
+def cloud(count=200, seed=0, centre=(-0.2, -0.008, -0.04), size=0.1):
+    return np.random.default_rng(seed).uniform(-size, size, (count, 3)) + centre
+
+
+def proper(apparent):
+    """Finite everywhere, unit directions, the shapes of the contract."""
+    slots, count = apparent.valid.shape
+    assert slots >= 1 and apparent.stretch.shape == (slots,)
+    assert apparent.direction.shape == apparent.position.shape == (slots, count, 3)
+    assert apparent.distance.shape == apparent.residual.shape == (slots, count)
+    for field in ("direction", "distance", "position", "residual"):
+        assert np.isfinite(getattr(apparent, field)).all(), field
+    np.testing.assert_allclose(np.linalg.norm(apparent.direction, axis=-1), 1.0, atol=1e-12)
+    return apparent
+
+
+def checked(glass, path, eye, points, worst=1e-6 * PIXEL):
+    apparent = proper(optics.apparent_points(glass, path, eye, points))
+    false, miss = false_images(glass, path, np.asarray(eye, dtype=float), points, apparent)
+    assert false == 0
+    assert miss <= worst
+    return apparent
+
+
+@pytest.mark.parametrize(
+    ("glass", "path"),
+    [
+        (optics.CylinderGlass((0.04, 0.037), (1.0, 1.0)), "TTTT"),
+        (optics.CylinderGlass((0.04,), (1.0,)), "TT"),
+        (optics.SphereGlass((0.04, 0.037), (1.0, 1.0)), "TTTT"),
+        (optics.FlatGlass((0.01, 0.02), (1.0, 1.0)), "TTT"),
+        (optics.CylinderGlass((0.04, 0.03), (1.333, 1.333), ior_outside=1.333), "TTTT"),
+    ],
+)
+def test_equal_media_are_the_identity(glass, path):
+    points = cloud(size=0.01)
+    if isinstance(glass, optics.FlatGlass):
+        points, eye = points - [0.0, 0.0, 0.3], np.array([0.1, 0.0, 0.2])
+    else:
+        eye = EYE
+    apparent = checked(glass, path, eye, points)
+    assert apparent.valid[-1].mean() > 0.9
+    shown = apparent.valid[-1]
+    np.testing.assert_allclose(apparent.position[-1][shown], points[shown], atol=1e-12)
+
+
+@pytest.mark.parametrize("ior", [1.0 + 1e-9, 1.0 + 1e-6, 2.417])
+@pytest.mark.parametrize("shape", [optics.CylinderGlass, optics.SphereGlass])
+def test_weak_and_strong_glass(shape, ior):
+    apparent = checked(shape((0.04, 0.037), (ior, 1.0)), "TTTT", EYE, cloud(size=0.02))
+    assert apparent.valid[-1].any()
+    checked(shape((0.04,), (ior,)), "TT", EYE, cloud(size=0.02))
+    checked(optics.FlatGlass((0.01,), (ior,)), "TT", (0, 0, 1.0), cloud(centre=(0, 0, -1)))
+
+
+@pytest.mark.parametrize("shape", [optics.CylinderGlass, optics.SphereGlass])
+def test_wall_of_a_millionth(shape):
+    glass = shape((0.04, 0.04 * (1.0 - 1e-6)), (1.5, 1.0))
+    apparent = checked(glass, "TTTT", EYE, cloud(size=0.02))
+    assert apparent.valid[-1].all()
+    np.testing.assert_allclose(apparent.position[-1], cloud(size=0.02), atol=1e-5)
+
+
+def test_grazing_rays():
+    angle = np.radians(89.99)
+    eye = np.array([0.0, 0.0, 0.1])
+    points = np.array([[0.1 * np.tan(angle) * 2.0, 0.0, -0.1], [5.0, 5.0, -0.02]])
+    assert checked(SLAB, "TT", eye, points).valid.all()
+    for glass in (HOLLOW, FILLED, BALL):
+        impact = 0.04 * np.sin(angle)
+        start = np.array([0.5, 0.0, 0.0])
+        sine = impact / 0.5
+        aim = np.array([[-np.sqrt(1.0 - sine * sine), sine, 0.0]])
+        for path in optics.light_paths(glass, start)[:4]:
+            traced = optics.trace(glass, start, aim, path)
+            if traced.valid[0]:
+                point = traced.origin + 0.1 * traced.direction
+                apparent = checked(glass, path.events, start, point)
+                off = np.linalg.norm(apparent.direction[:, 0] - aim[0], axis=1)
+                assert off[apparent.valid[:, 0]].min() < 1e-9
+    steep = np.array([[-0.1, 0.01, 0.3 * np.tan(angle)]])
+    assert checked(HOLLOW, "TTTT", (0.2, 0.0, 0.0), steep, 1e-4 * PIXEL).valid.any()
+
+
+@pytest.mark.parametrize("glass", [HOLLOW, FILLED, BALL])
+def test_eyes_in_awkward_places(glass):
+    points = np.concatenate([cloud(), cloud(size=0.03, centre=(0, 0, 0))])
+    radius = glass.radius
+    places = [radius[0] + 1e-6, 0.0, radius[-1] * 0.5, 1e-12, radius[0], radius[-1]]
+    if len(radius) > 1:
+        places.append(0.5 * (radius[0] + radius[1]))
+    for away in places:
+        eye = np.array([away, 0.0, 0.01 if glass is not BALL else 0.0])
+        for path in optics.light_paths(glass, eye, min_weight=0.05)[:4]:
+            checked(glass, path.events, eye, points, 1e-5 * PIXEL)
+
+
+def test_points_in_awkward_places():
+    for glass, path in ((HOLLOW, "TTTT"), (FILLED, "TTTT"), (BALL, "TT")):
+        points = np.array(
+            [
+                [0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.02],
+                [0.037, 0.0, 0.01],
+                [-0.04, 0.0, 0.01],
+                [-1e6, 1e3, 10.0],
+                [-1e6, 0.0, 1e6],
+                [0.04, 0.0, 0.0],
+                EYE,
+            ]
+        )
+        apparent = checked(glass, path, EYE, points)
+        assert apparent.valid[:, 4].any()
+    assert checked(SLAB, "TT", (0, 0, 1.0), np.array([[1e6, 0, -1e6], [0, 0, -1e6]])).valid.all()
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e6])
+@pytest.mark.parametrize("shape", [optics.CylinderGlass, optics.SphereGlass])
+def test_size_does_not_matter(shape, size):
+    points = cloud() * size / 0.04
+    small = optics.apparent_points(shape((0.04, 0.037), (1.5, 1.333)), "TTTT", EYE, cloud())
+    glass = shape((size, 0.925 * size), (1.5, 1.333))
+    large = proper(optics.apparent_points(glass, "TTTT", EYE * size / 0.04, points))
+    np.testing.assert_array_equal(small.valid, large.valid)
+    np.testing.assert_allclose(small.direction, large.direction, atol=1e-9)
+    slab = optics.FlatGlass((size,), (1.5,))
+    assert checked(slab, "TT", (0, 0, size), cloud() * size - [0, 0, 3 * size]).valid.all()
+
+
+def test_far_from_the_origin():
+    far = np.array([1e5, -1e5, 0.0])
+    points = cloud(centre=(0.1, 0.0, -0.5))
+    near = optics.apparent_points(SLAB, "TT", (0.0, 0.0, 0.3), points)
+    moved = proper(optics.apparent_points(SLAB, "TT", far + (0.0, 0.0, 0.3), points + far))
+    np.testing.assert_allclose(moved.direction, near.direction, atol=1e-9)
+    high = np.array([0.0, 0.0, 1e5])
+    near = optics.apparent_points(HOLLOW, "TTTT", EYE, cloud())
+    moved = proper(optics.apparent_points(HOLLOW, "TTTT", EYE + high, cloud() + high))
+    np.testing.assert_allclose(moved.direction, near.direction, atol=1e-9)
+
+
+@pytest.mark.parametrize("gap", [1e-12, 1e-9, 1e-6, 1e-3])
+def test_beside_a_caustic(gap):
+    """From the fold to either side: two images, or none, never a false one."""
+    eye = np.array([0.8, 0.0, 0.1])
+    low, high = 0.0, 0.03
+
+    def images(across):
+        points = np.array([[-0.07, across, 0.01]])
+        return int(checked(FILLED, "TTTT", eye, points).valid.sum())
+
+    assert images(low) == 3 and images(high) == 1
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if images(middle) == 3 else (low, middle)
+    assert images(low - gap) == 3
+    assert images(low + gap) == 1
+
+
+def test_no_point_one_point_and_broken_points():
+    for glass, path, eye in (
+        (HOLLOW, "TTTT", EYE),
+        (FILLED, "TTTT", EYE),
+        (BALL, "TRT", EYE),
+        (SLAB, "TT", (0.0, 0.0, 1.0)),
+        (HOLLOW, "TTTT", optics.ParallelView((-1.0, 0.0, 0.1))),
+        (HOLLOW, "", EYE),
+        (HOLLOW, "RRRR", EYE),
+    ):
+        empty = proper(optics.apparent_points(glass, path, eye, np.zeros((0, 3))))
+        assert empty.valid.shape[1] == 0
+        points = cloud(100) - ((0.0, 0.0, 0.5) if glass is SLAB else (0.0, 0.0, 0.0))
+        whole = proper(optics.apparent_points(glass, path, eye, points))
+        again = optics.apparent_points(glass, path, eye, points)
+        mixed = points.copy()
+        broken = [3, 50, 99]
+        mixed[broken] = [[np.nan, 0, 0], [np.inf, 0, 0], [0, -np.inf, np.nan]]
+        part = proper(optics.apparent_points(glass, path, eye, mixed))
+        good = np.setdiff1d(np.arange(100), broken)
+        assert not part.valid[:, broken].any()
+        for field in ("direction", "distance", "position", "valid", "residual"):
+            first, second = getattr(whole, field), getattr(part, field)
+            np.testing.assert_array_equal(first, getattr(again, field))
+            np.testing.assert_array_equal(first[:, good], second[:, good])
+        one = proper(optics.apparent_points(glass, path, eye, points[:1]))
+        assert one.valid[:, 0].sum() == whole.valid[:, 0].sum()
+
+
+def test_float32_lists_and_other_inputs():
+    points = cloud(50).astype(np.float32)
+    single = optics.apparent_points(HOLLOW, "TTTT", EYE, points)
+    double = optics.apparent_points(HOLLOW, "TTTT", EYE, points.astype(float))
+    np.testing.assert_array_equal(single.direction, double.direction)
+    listed = optics.apparent_points(HOLLOW, optics.LightPath("TTTT"), EYE.tolist(), points.tolist())
+    np.testing.assert_array_equal(single.direction, listed.direction)
+    turned = np.asfortranarray(points.astype(float))
+    strided = optics.apparent_points(HOLLOW, "TTTT", EYE, turned)
+    np.testing.assert_array_equal(single.direction, strided.direction)
+
+
+@pytest.mark.parametrize("tolerance", [1e-9, 4e-7, 2e-5])
+@pytest.mark.parametrize("glass", [HOLLOW, FILLED, BALL])
+def test_guesses_change_nothing(glass, tolerance):
+    path = "TT" if glass is BALL else "TTTT"
+    points = cloud(3000)
+    truth = optics.apparent_points(glass, path, EYE, points)
+    rng = np.random.default_rng(0)
+
+    def garbage(values):
+        return optics.ApparentPoints(
+            values, truth.distance, truth.position, truth.valid, truth.residual, truth.stretch, 0,
+            truth.sheet,
+        )
+
+    shape = truth.direction.shape
+    last_frame = optics.apparent_points(glass, path, EYE, points + 0.001)
+    for guess in (
+        None,
+        truth,
+        last_frame,
+        garbage(rng.normal(size=shape)),
+        garbage(np.full(shape, np.nan)),
+        garbage(np.full(shape, 1e300)),
+        garbage(np.zeros(shape)),
+    ):
+        found = proper(
+            optics.apparent_points(glass, path, EYE, points, tolerance=tolerance, guess=guess)
+        )
+        np.testing.assert_array_equal(found.valid, truth.valid)
+        off = np.linalg.norm(found.direction - truth.direction, axis=-1)[truth.valid]
+        assert off.max() <= max(tolerance, 1e-9)
+
+
+@pytest.mark.parametrize("glass", [HOLLOW, FILLED, BALL, SLAB])
+def test_parallel_view_against_a_far_eye(glass):
+    direction = np.array([-0.8, 0.1, -0.59])
+    view = optics.ParallelView(direction)
+    direction = np.asarray(view.direction)
+    paths = ("TT", "R", "TRT") if glass in (BALL, SLAB) else ("TTTT", "R", "TRT")
+    points = cloud(300, centre=(-0.15, 0.02, -0.15))
+    away = 1e6
+    for path in paths:
+        parallel = proper(optics.apparent_points(glass, path, view, points))
+        far = proper(optics.apparent_points(glass, path, -away * direction, points))
+        assert (parallel.direction == direction).all()
+        assert parallel.sheet == far.sheet
+        same = parallel.valid & far.valid
+        assert (parallel.valid != far.valid).mean() < 0.01
+        np.testing.assert_allclose(parallel.position[same], far.position[same], atol=1e-5)
+        np.testing.assert_allclose(
+            parallel.distance[same], far.distance[same] - away, atol=1e-5
+        )
+        # Exactly: the ray from in front of the glass along the view passes the point.
+        for slot in np.flatnonzero(parallel.stretch == len(path)):
+            shown = parallel.valid[slot]
+            start = parallel.position[slot, shown] - 2.0 * direction
+            start -= ((start @ direction) + 2.0)[:, None] * direction
+            traced = optics.trace(glass, start, np.broadcast_to(direction, start.shape), path)
+            assert traced.valid.all()
+            towards = points[shown] - traced.origin
+            miss = np.linalg.norm(np.cross(towards, traced.direction), axis=1)
+            along = traced.length + np.sum(towards * traced.direction, axis=1)
+            assert miss.max(initial=0.0) < 1e-9
+            np.testing.assert_allclose(along - 2.0, parallel.distance[slot, shown], atol=1e-9)
+
+
+def test_parallel_views_along_and_across_the_axis():
+    for direction in ((0, 0, -1), (0, 0, 1), (1, 0, 0), (0, 1, 1e-9)):
+        view = optics.ParallelView(direction)
+        for glass, path in ((HOLLOW, "TTTT"), (FILLED, "TTTT"), (BALL, "TT"), (SLAB, "TT")):
+            proper(optics.apparent_points(glass, path, view, cloud()))
+            optics.light_paths(glass, view)
