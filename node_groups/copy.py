@@ -16,6 +16,8 @@ from __future__ import annotations
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass Copy"
+COORDINATES = ("rg_generated", "rg_object", "rg_position")
+"""Texture coordinates of the true place, for materials that would else see the displaced one."""
 
 
 def build():
@@ -66,8 +68,22 @@ def build():
     b.link(capture.outputs["Geometry"], lookup.inputs["Geometry"])
     b.link(from_carrier("FLOAT_COLOR", named("FLOAT_COLOR", "rg_lookup")), enabled(lookup.inputs, "Value"))
 
+    stored = lookup.outputs[0]
+    for name in COORDINATES:
+        store = b.node("StoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
+        store.inputs["Name"].default_value = name
+        b.link(stored, store.inputs["Geometry"])
+        b.link(from_carrier("FLOAT_VECTOR", named("FLOAT_VECTOR", name)), enabled(store.inputs, "Value"))
+        # Only what the carrier holds, lest the source's own attribute of that name be lost.
+        there = b.node("InputNamedAttribute", data_type="FLOAT_VECTOR")
+        there.inputs["Name"].default_value = name
+        held = b.node("SampleIndex", data_type="BOOLEAN", domain="POINT")
+        b.link(carrier, held.inputs["Geometry"])
+        b.link(there.outputs["Exists"], enabled(held.inputs, "Value"))
+        stored = b.switch("GEOMETRY", enabled(held.outputs, "Value"), stored, store.outputs[0])
+
     move = b.node("SetPosition")
-    b.link(lookup.outputs[0], move.inputs["Geometry"])
+    b.link(stored, move.inputs["Geometry"])
     b.link(
         from_carrier("FLOAT_VECTOR", b.node("InputPosition").outputs[0]), move.inputs["Position"]
     )
@@ -99,15 +115,23 @@ def _source(b: TreeBuilder, group):
     parts = b.node("SeparateComponents")
     b.link(realized.outputs[0], parts.inputs[0])
     mesh = parts.outputs["Mesh"]
+    # Repeating merges equal materials; the copy's own slots count on the source's numbers.
+    slot = b.node("CaptureAttribute", domain="FACE")
+    slot.capture_items.new("INT", "Material Index")
+    b.link(mesh, slot.inputs["Geometry"])
+    b.link(b.node("InputMaterialIndex").outputs[0], slot.inputs["Material Index"])
     line = b.node("MeshLine")
     b.link(group.outputs["Slots"], line.inputs["Count"])
     line.inputs["Offset"].default_value = (0.0, 0.0, 0.0)
     repeat = b.node("InstanceOnPoints")
     b.link(line.outputs["Mesh"], repeat.inputs["Points"])
-    b.link(mesh, repeat.inputs["Instance"])
+    b.link(slot.outputs["Geometry"], repeat.inputs["Instance"])
     repeated = b.node("RealizeInstances")
     b.link(repeat.outputs[0], repeated.inputs[0])
+    numbered = b.node("SetMaterialIndex")
+    b.link(repeated.outputs[0], numbered.inputs["Geometry"])
+    b.link(slot.outputs["Material Index"], numbered.inputs["Material Index"])
     several = b.node("FunctionNodeCompare", data_type="INT", operation="GREATER_THAN")
     b.link(group.outputs["Slots"], enabled(several.inputs, "A"))
     enabled(several.inputs, "B").default_value = 1
-    return b.switch("GEOMETRY", several.outputs[0], mesh, repeated.outputs[0])
+    return b.switch("GEOMETRY", several.outputs[0], mesh, numbered.outputs[0])

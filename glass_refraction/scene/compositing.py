@@ -14,12 +14,14 @@ import numpy as np
 from .arrays import write_image
 from .layers import DEPTH_LAYER, ENVIRONMENT_LAYER, Layers, Pane
 from .names import TAG, hidden_name, own
-from .regions import FILTER_WIDTH, Regions, blackman_harris
+from .regions import Regions
 
 CHANNELS = 3
 """Weights kept in one image: its colour channels. (Alpha would be multiplied into them.)"""
 DEPTH_TOLERANCE = 0.004
 """Relative difference of depth above which a place counts as hidden in the direct picture."""
+
+_VALUES = "refractive_glass_values"
 
 
 def insert_group(
@@ -50,7 +52,7 @@ def insert_group(
     tree.links.new(render_layers.outputs["Alpha"], node.inputs["Alpha"])
     for socket in fed:
         tree.links.new(node.outputs["Image"], socket)
-    for number, own_scene in enumerate((layers.lookup, layers.displaced)):
+    for number, own_scene in enumerate(layers.all()):
         # Blender 5.0 renders another scene only if the tree itself, not a group in it, asks.
         asking = tree.nodes.new("CompositorNodeRLayers")
         asking[TAG] = "asking"
@@ -98,6 +100,18 @@ def write_weights(
         for channel, plane in enumerate(planes[number : number + CHANNELS]):
             pixels[..., channel] = plane
         write_image(weight_image(scene, pane, number // CHANNELS), pixels)
+
+
+def write_kernels() -> None:
+    """Write the kernels' pixels, which a file does not keep."""
+    for image in bpy.data.images:
+        if not own(image, "kernel"):
+            continue
+        values = np.array(image[_VALUES])
+        kernel = np.outer(values, values)
+        pixels = np.ones((*kernel.shape, 4), np.float32)
+        pixels[..., :3] = (kernel / kernel.sum())[..., None]
+        write_image(image, pixels)
 
 
 def weight_image(scene: bpy.types.Scene, pane: Pane, number: int) -> bpy.types.Image:
@@ -148,6 +162,12 @@ def _remove_tree(tree: bpy.types.NodeTree) -> None:
             bpy.data.images.remove(image)
 
 
+def _spline_inverse(half: int = 8) -> np.ndarray:
+    """The cubic B-spline's inverse (Unser, "Splines", 1999, eq. 18): alternating, falling as z^k."""
+    z = np.sqrt(3.0) - 2.0
+    return z ** np.abs(np.arange(-half, half + 1))
+
+
 class _Group:
     """Builds the node group: one method a part of the sum."""
 
@@ -167,8 +187,13 @@ class _Group:
         colour, alpha = self.direct, start.outputs["Alpha"]
         if true_shading:
             self.direct_depth = self._layer(layers.lookup, DEPTH_LAYER).outputs["Image"]
+            # Map UV's bicubic is a B-spline, which blurs; with the picture turned into its
+            # coefficients first it goes through the pixels (Unser 1999).
+            self.direct = self._convolved(self.direct, self._kernel("spline", _spline_inverse()))
+            # What is looked up was filtered when the direct picture was rendered: the mean over
+            # the pixel is all that it still needs.
+            self.pixel_mean = self._kernel("mean", np.ones(subdivision))
         self.environment = self._layer(layers.displaced, ENVIRONMENT_LAYER)
-        self.kernel = self._kernel()
         for pane in panes:
             colour, alpha = self._through(pane, colour, alpha)
         end = self._node("NodeGroupOutput")
@@ -210,8 +235,7 @@ class _Group:
 
     def _mask(self, pane: Pane):
         """How much of each pixel shows the glass: its outline, less what stands before it."""
-        mask = self._layer(self.layers.lookup, pane.mask_layer)
-        return self._brought_down(mask.outputs["Alpha"])
+        return self._layer(self.layers.mask, pane.mask_layer).outputs["Alpha"]
 
     def _path(self, pane: Pane, path):
         """Colour and alpha of what is seen along one light path."""
@@ -220,14 +244,16 @@ class _Group:
             return drawn.outputs["Image"], drawn.outputs["Alpha"]
         where = self._layer(self.layers.lookup, pane.layer(path))
         split = self._node("CompositorNodeSeparateColor")
-        self._link(where.outputs["Image"], split.inputs[0])
+        self._link(self._subdivided(where.outputs["Image"]), split.inputs[0])
         # Map UV multiplies by the third component.
         place = self._node("ShaderNodeCombineXYZ")
         self._link(split.outputs[0], place.inputs[0])
         self._link(split.outputs[1], place.inputs[1])
         place.inputs[2].default_value = 1.0
         looked_up = self._map(self.direct, place.outputs[0], "Bicubic")
-        shown = self._shown_in_direct(place.outputs[0], split.outputs[2], where.outputs["Alpha"])
+        shown = self._shown_in_direct(
+            place.outputs[0], split.outputs[2], self._subdivided(where.outputs["Alpha"])
+        )
         found = self._brought_down(self._scaled(looked_up, shown))
         share = self._brought_down(shown)
         missing = self._math("SUBTRACT", 1.0, share)
@@ -245,7 +271,8 @@ class _Group:
         near = self._math(
             "LESS_THAN", off, self._math("MULTIPLY", inverse_depth, DEPTH_TOLERANCE)
         )
-        return self._math("MULTIPLY", near, alpha)
+        # Between a surface and nothing there is no place to interpolate.
+        return self._math("MULTIPLY", near, self._math("GREATER_THAN", alpha, 0.999))
 
     def _map(self, image, where, interpolation: str):
         node = self._node("CompositorNodeMapUV")
@@ -254,30 +281,38 @@ class _Group:
         self._link(where, node.inputs["UV"])
         return node.outputs["Image"]
 
+    def _subdivided(self, image):
+        """Places between those of the pixels' centres, linearly interpolated.
+
+        Across an outline they mean nothing; the depth there tells.
+        """
+        scale = self._node("CompositorNodeScale")
+        scale.inputs["Interpolation"].default_value = "Bilinear"
+        for axis in "XY":
+            scale.inputs[axis].default_value = self.subdivision
+        self._link(image, scale.inputs["Image"])
+        return scale.outputs["Image"]
+
     def _brought_down(self, image):
-        """A picture of the lookup scene filtered to the size of the render."""
-        convolve = self._node("CompositorNodeConvolve")
-        self._link(image, convolve.inputs["Image"])
-        kernel_input = next(s for s in convolve.inputs if s.name == "Kernel" and s.type == "VALUE")
-        self._link(self.kernel, kernel_input)
+        """The mean over each pixel of what was looked up in its parts."""
         scale = self._node("CompositorNodeScale")
         scale.inputs["Type"].default_value = "Render Size"
         scale.inputs["Interpolation"].default_value = "Nearest"
-        self._link(convolve.outputs["Image"], scale.inputs["Image"])
+        self._link(self._convolved(image, self.pixel_mean), scale.inputs["Image"])
         return scale.outputs["Image"]
 
-    def _kernel(self):
-        """The pixel filter on the lookup scene's grid; odd, so that it is centred on a sample."""
-        half = int(np.ceil(0.5 * FILTER_WIDTH * self.subdivision)) - 1
-        x = np.arange(-half, half + 1) / (FILTER_WIDTH * self.subdivision)
-        window = blackman_harris(x)
-        kernel = np.outer(window, window)
-        image = _own_image(hidden_name("filter", str(self.subdivision)), "filter")
-        pixels = np.ones((*kernel.shape, 4), np.float32)
-        pixels[..., :3] = (kernel / kernel.sum())[..., None]
-        write_image(image, pixels)
+    def _convolved(self, image, kernel):
+        convolve = self._node("CompositorNodeConvolve")
+        self._link(image, convolve.inputs["Image"])
+        kernel_input = next(s for s in convolve.inputs if s.name == "Kernel" and s.type == "VALUE")
+        self._link(kernel, kernel_input)
+        return convolve.outputs["Image"]
+
+    def _kernel(self, name: str, values: np.ndarray):
+        """A separable kernel (K,), K odd; :func:`write_kernels` makes the picture of it."""
         node = self._node("CompositorNodeImage")
-        node.image = image
+        node.image = _own_image(hidden_name(name, str(len(values))), "kernel")
+        node.image[_VALUES] = values.tolist()
         return node.outputs["Image"]
 
     def _layer(self, own_scene: bpy.types.Scene, name: str):

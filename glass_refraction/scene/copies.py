@@ -22,6 +22,7 @@ from .tessellation import (
     region_probe,
     view_pixels,
 )
+from .texture_coordinates import write_coordinates
 from .viewpoint import Viewpoint
 
 
@@ -87,6 +88,7 @@ def write_copy(
     solver: Solver,
     rect: tuple[int, int, int, int],
     max_gap_px: float,
+    extra: dict[str, np.ndarray],
     guess: optics.ApparentPoints | None = None,
 ) -> Written:
     """Solve a source and write where it appears into the copy's carrier mesh.
@@ -96,6 +98,7 @@ def write_copy(
     carried : Geometry Nodes can take the source's mesh; else the carrier must hold it.
     rect : pixels that the glass covers; what appears beside them is left out.
     max_gap_px : triangles whose edges miss the true image by more are split.
+    extra : texture coordinates of the true place, name -> (N, 3), for materials that need them.
     guess : the last result for the same vertices.
     """
     view = solver.view
@@ -106,7 +109,7 @@ def write_copy(
     if guess is not None and guess.valid.shape[1] != len(points):
         guess = None
     found = solver(points, guess)
-    source = read_source_mesh(parts)
+    source = read_source_mesh(parts, extra)
     triangles = Triangles.whole(source.points, source.corners)
     images = solver.in_world(found)
     visible, bound = _check(triangles, images, solver, rect)
@@ -124,6 +127,7 @@ def write_copy(
         return Written(0, 0.0, False, found)
     slots = _used_slots(images.valid)
     _write_carrier(copy.data, *_slot_values(points, images, slots, triangles, view))
+    write_coordinates(copy.data, extra, len(slots))
     write_input(copy.modifiers[0], "Slots", max(1, len(slots)))
     return Written(len(points), bound, False, found)
 

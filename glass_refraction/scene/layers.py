@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The extension's own scenes, view layers and collections, in which the copies are rendered.
 
-Two scenes belong to a user's scene:
+Three scenes belong to a user's scene:
 
-* *lookup*: Cycles, one sample at the exact centre of each of K x K parts of a pixel. Its view
-  layers: one a glass and light path, showing the copies with a material that emits where their
-  true place is in the direct picture; one a glass, showing where it is not hidden; one with the
-  depth of the direct picture.
+* *lookup*: Cycles, one sample at each pixel's exact centre. One view layer a glass and light path,
+  showing the copies with a material that emits where their true place is in the direct picture;
+  and one with the depth of the direct picture.
+* *mask*: Cycles, nothing but coverage. One view layer a glass: where it is not hidden.
 * *displaced*: the user's engine and lights. One view layer a glass and light path, showing the
-  copies shaded where they are drawn, and one with the environment alone.
+  copies shaded where they are drawn; and one with the environment alone.
 
+A compositor renders other scenes at the size of its own, whatever their own size is.
 Nothing is added to the user's own view layers or collections.
 """
 
@@ -22,12 +23,17 @@ import bpy
 from .. import optics
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
+from .regions import FILTER_WIDTH
 from .shaders import depth_material, lookup_material, mask_material
 from .sources import is_carried
+from .texture_coordinates import remove_unused
 from .viewpoint import render_size
 
 FALLBACK_SHARE = 8
 """In TRUE shading the displaced copies take this part of the scene's samples."""
+MASK_SAMPLES = 64
+"""Of the outlines; they cost next to nothing."""
+ROLES = ("lookup", "mask", "displaced")
 DEPTH_LAYER = "depth"
 ENVIRONMENT_LAYER = "environment"
 
@@ -55,15 +61,15 @@ class Pane:
 
 @dataclass(frozen=True)
 class Layers:
-    """The two own scenes of a user's scene."""
+    """The own scenes of a user's scene."""
 
     lookup: bpy.types.Scene
+    mask: bpy.types.Scene
     displaced: bpy.types.Scene
 
-    def collections(self) -> list[bpy.types.Collection]:
-        """Every collection made for the two scenes."""
-        found = {c for s in (self.lookup, self.displaced) for c in s.collection.children}
-        return sorted(found, key=lambda c: c.name)
+    def all(self) -> tuple[bpy.types.Scene, ...]:
+        """All three."""
+        return (self.lookup, self.mask, self.displaced)
 
     def copies(self) -> dict[tuple[str, str, int], bpy.types.Object]:
         """(glass name, path events, source's session uid) -> copy."""
@@ -84,7 +90,7 @@ class Layers:
 
     def hull(self, glass_name: str) -> bpy.types.Object:
         """The object that shows where the glass is seen."""
-        for collection in self.lookup.collection.children:
+        for collection in self.mask.collection.children:
             if own(collection, "hull") and collection[_GLASS] == glass_name:
                 return collection.objects[0]
         raise KeyError(glass_name)
@@ -98,11 +104,11 @@ def source_of(copy: bpy.types.Object) -> bpy.types.Object | None:
 def find_layers(scene: bpy.types.Scene) -> Layers | None:
     """The own scenes of a user's scene, if they exist."""
     found = {}
-    for role in ("lookup", "displaced"):
+    for role in ROLES:
         for candidate in bpy.data.scenes:
             if own(candidate, role) and candidate.get(_GLASS) == scene.name:
                 found[role] = candidate
-    return Layers(**found) if len(found) == 2 else None
+    return Layers(**found) if len(found) == len(ROLES) else None
 
 
 def build_layers(scene: bpy.types.Scene, panes: list[Pane]) -> tuple[Layers, bool]:
@@ -115,12 +121,12 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane]) -> tuple[Layers, boo
     anew = layers is None or layers.lookup.get(_KEY) != key
     if anew:
         remove_layers(scene)
-        layers = Layers(_own_scene(scene, "lookup"), _own_scene(scene, "displaced"))
+        layers = Layers(**{role: _own_scene(scene, role) for role in ROLES})
         _make_layers(layers, panes)
         layers.lookup[_KEY] = key
     _match_sources(layers, panes)
     _match_lights(scene, layers)
-    for own_scene in (layers.lookup, layers.displaced):
+    for own_scene in layers.all():
         for view_layer in own_scene.view_layers:
             _synchronise(view_layer)
     return layers, anew
@@ -128,10 +134,11 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane]) -> tuple[Layers, boo
 
 def remove_layers(scene: bpy.types.Scene) -> None:
     """Remove the own scenes of a user's scene with everything in them that is the extension's."""
-    for role in ("lookup", "displaced"):
+    for role in ROLES:
         for candidate in [s for s in bpy.data.scenes if own(s, role)]:
             if candidate.get(_GLASS) == scene.name or candidate.get(_GLASS) not in bpy.data.scenes:
                 _remove_scene(candidate)
+    remove_unused()
     for material in [m for m in bpy.data.materials if own(m) and m.users == 0]:
         bpy.data.materials.remove(material)
     for name in (COPY_GROUP, OCCLUDER_GROUP):
@@ -165,12 +172,12 @@ def _own_scene(scene: bpy.types.Scene, role: str) -> bpy.types.Scene:
 
 def _make_layers(layers: Layers, panes: list[Pane]) -> None:
     lookup, displaced = layers.lookup, layers.displaced
-    occluders = _new_collection("occluders", lookup)
+    occluders = _new_collection("occluders", lookup, layers.mask)
     _new_collection("lights", displaced)
     copies = {}
     hulls = {}
     for pane in panes:
-        hull = _new_collection("hull", lookup)
+        hull = _new_collection("hull", layers.mask)
         hull[_GLASS] = pane.glass.name
         mesh = bpy.data.meshes.new(hidden_name("hull", pane.glass.name))
         mesh.materials.append(mask_material())
@@ -188,8 +195,10 @@ def _make_layers(layers: Layers, panes: list[Pane]) -> None:
     first = displaced.view_layers[0]
     first.name = ENVIRONMENT_LAYER
     _show_only(first)
-    for pane in panes:
-        mask = lookup.view_layers.new(pane.mask_layer)
+    for number, pane in enumerate(panes):
+        mask = layers.mask.view_layers[0] if number == 0 else None
+        mask = mask or layers.mask.view_layers.new(pane.mask_layer)
+        mask.name = pane.mask_layer
         _show_only(mask, hulls[pane.glass.name], occluders)
         for child in _layer_collections(mask):
             child.holdout = child.collection == occluders
@@ -226,10 +235,6 @@ def _synchronise(view_layer: bpy.types.ViewLayer) -> None:
     collection does it, without an evaluation.
     """
     _ = view_layer.active_layer_collection
-
-
-def _layer_collection(view_layer, collection) -> bpy.types.LayerCollection:
-    return next(c for c in _layer_collections(view_layer) if c.collection == collection)
 
 
 def _show_only(view_layer: bpy.types.ViewLayer, *shown: bpy.types.Collection) -> None:
@@ -289,16 +294,6 @@ def _new_carrier(role: str, group: str, source: bpy.types.Object, collection) ->
         write_input(modifier, "Carried", is_carried(source))
 
 
-def match_materials(copy: bpy.types.Object, source: bpy.types.Object) -> None:
-    """Give the carrier the source's materials, for the faces that it holds itself."""
-    wanted = [slot.material for slot in source.material_slots]
-    mesh = copy.data
-    if list(mesh.materials) != wanted:
-        mesh.materials.clear()
-        for material in wanted:
-            mesh.materials.append(material)
-
-
 def _match_lights(scene: bpy.types.Scene, layers: Layers) -> None:
     """The displaced copies are lit by the user's own lights."""
     lights = _child(layers.displaced, "lights")
@@ -313,62 +308,56 @@ def _match_lights(scene: bpy.types.Scene, layers: Layers) -> None:
 
 
 def match_settings(
-    scene: bpy.types.Scene,
-    layers: Layers,
-    rect: tuple[int, int, int, int],
-    subdivision: int,
-    lookup: bool,
+    scene: bpy.types.Scene, layers: Layers, rect: tuple[int, int, int, int], true_shading: bool
 ) -> None:
     """Give the own scenes the user's camera and render settings.
 
     Parameters
     ----------
     rect : the pixels that any glass covers; nothing else is rendered.
-    subdivision : parts of a pixel a side in the lookup scene.
-    lookup : whether the copies are looked up (TRUE shading) or drawn shaded only.
+    true_shading : the copies are looked up; else they are drawn shaded only.
     """
     size = render_size(scene)
-    for own_scene, factor in ((layers.displaced, 1), (layers.lookup, subdivision)):
+    for own_scene in layers.all():
         for group in ("render", "cycles", "eevee", "display"):
-            if hasattr(scene, group) and (factor == 1 or group == "render"):
+            if hasattr(scene, group) and (own_scene == layers.displaced or group == "render"):
                 _copy_properties(getattr(scene, group), getattr(own_scene, group))
         own_scene.camera = scene.camera
         own_scene.frame_current = scene.frame_current
         render = own_scene.render
-        render.resolution_x, render.resolution_y = size[0] * factor, size[1] * factor
-        render.resolution_percentage = 100
         render.use_compositing = False
         if not scene.render.use_border:
             render.use_border, render.use_crop_to_border = True, False
             render.border_min_x, render.border_max_x = rect[0] / size[0], rect[2] / size[0]
             render.border_min_y, render.border_max_y = rect[1] / size[1], rect[3] / size[1]
     layers.displaced.world = scene.world
-    if lookup and scene.render.engine == "CYCLES":
+    if true_shading and scene.render.engine == "CYCLES":
         # Only slivers that the direct picture does not show come from here.
         layers.displaced.cycles.samples = max(1, scene.cycles.samples // FALLBACK_SHARE)
     for layer in layers.displaced.view_layers:
         if layer.name == ENVIRONMENT_LAYER:
             # The world alone has no noise.
             layer.samples = 1
-    _exact_samples(layers.lookup)
+    _emission_only(layers.lookup, samples=1, filter_width=0.01)
+    _emission_only(layers.mask, samples=MASK_SAMPLES, filter_width=FILTER_WIDTH)
     for layer in layers.lookup.view_layers:
-        is_mask = layer.name.endswith(" mask")
-        if layer.use != (lookup or is_mask):
-            layer.use = lookup or is_mask
+        if layer.use != true_shading:
+            layer.use = true_shading
 
 
-def _exact_samples(lookup: bpy.types.Scene) -> None:
-    """One unfiltered sample at every pixel's centre, with nothing else in it than the emission."""
-    lookup.render.engine = "CYCLES"
-    lookup.render.film_transparent = True
-    lookup.render.use_motion_blur = False
-    lookup.world = None
-    cycles = lookup.cycles
+def _emission_only(own_scene: bpy.types.Scene, samples: int, filter_width: float) -> None:
+    """Cycles with nothing else in the picture than what the first surface emits."""
+    own_scene.render.engine = "CYCLES"
+    own_scene.render.film_transparent = True
+    own_scene.render.use_motion_blur = False
+    own_scene.world = None
+    cycles = own_scene.cycles
     cycles.device = "CPU"
-    cycles.samples = 1
+    cycles.samples = samples
     cycles.use_adaptive_sampling = False
     cycles.use_denoising = False
-    cycles.filter_width = 0.01
+    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+    cycles.filter_width = filter_width
     cycles.film_exposure = 1.0
     cycles.max_bounces = 0
     cycles.transparent_max_bounces = 8

@@ -102,24 +102,6 @@ def write_coordinates(mesh: bpy.types.Mesh, values: dict[str, np.ndarray], slots
         write_attribute(mesh, name, np.tile(value, (slots, 1)), "FLOAT_VECTOR")
 
 
-def add_layers(bm, start: int, part: Piece, names: Collection[str]) -> None:
-    """Give the vertices ``bm.verts[start:]``, just taken from the piece, their coordinates.
-
-    Subdivision then interpolates them, and ``bm.to_mesh`` writes them as point attributes.
-
-    Parameters
-    ----------
-    bm : bmesh.types.BMesh
-    """
-    for name, values in coordinates([part], names).items():
-        layers = bm.verts.layers.float_vector
-        layer = layers.get(name) or layers.new(name)
-        # A new layer makes vertices move in memory: the table is good only from here on.
-        bm.verts.ensure_lookup_table()
-        for vertex, value in zip(bm.verts[start:], values.tolist(), strict=True):
-            vertex[layer] = value
-
-
 def _generated(part: Piece) -> np.ndarray:
     """As renderers make them: 0 to 1 over the texture space."""
     undeformed = np.empty((len(part.mesh.vertices), 3), np.float32)

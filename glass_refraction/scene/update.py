@@ -21,7 +21,7 @@ import bpy
 import numpy as np
 
 from .. import optics
-from .compositing import has_group, insert_group, remove_group, write_weights
+from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
 from .copies import Solver, Written, write_copy, write_true_mesh
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
 from .hull import first_face
@@ -30,7 +30,6 @@ from .layers import (
     Pane,
     build_layers,
     find_layers,
-    match_materials,
     match_settings,
     remove_layers,
     source_of,
@@ -39,6 +38,7 @@ from .modifier_inputs import write_input
 from .names import RefractiveGlassError, own
 from .regions import Regions, path_regions, picture_rect
 from .sources import is_carried, pieces, seen_through, source_objects, world_positions
+from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
 from .viewpoint import Viewpoint, read_viewpoint
 
 PATH_SEARCH_STEP = 4
@@ -156,8 +156,10 @@ def prepare(
         memory = memory_of(scene)
         memory.regions.clear()
         memory.copies.clear()
+    _dress_copies(layers, depsgraph)
     memory_of(scene).status.problems = problems
-    match_settings(scene, layers, _covered(scene, panes, depsgraph, view), side, shading == "TRUE")
+    write_kernels()
+    match_settings(scene, layers, _covered(scene, panes, depsgraph, view), shading == "TRUE")
 
 
 def remove(scene: bpy.types.Scene) -> None:
@@ -195,8 +197,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
         for path in pane.paths:
             _update_copies(scene, memory, pane, glass, path, view, regions, copies, depsgraph)
     _update_occluders(layers, memory, depsgraph)
-    side = int(scene.refractive_glass.lookup_samples)
-    match_settings(scene, layers, _union(rects), side, effective_shading(scene) == "TRUE")
+    match_settings(scene, layers, _union(rects), effective_shading(scene) == "TRUE")
     written = [w for key, (_, _, w) in memory.copies.items() if key in copies]
     memory.status = Status(
         vertices=sum(w.vertices for w in written),
@@ -206,6 +207,16 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
         problems=problems or memory.status.problems,
     )
     return memory.status
+
+
+def _dress_copies(layers: Layers, depsgraph) -> None:
+    """Materials that read the place get the copies' true one."""
+    of_source: dict[bpy.types.Object, list[bpy.types.Object]] = {}
+    for copy in layers.copies().values():
+        of_source.setdefault(source_of(copy), []).append(copy)
+    for source, copies in of_source.items():
+        dress(copies, source, depsgraph)
+    remove_unused()
 
 
 def _kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
@@ -289,6 +300,8 @@ def _update_copies(
         source = source_of(copy)
         with pieces(source, depsgraph) as parts:
             points = world_positions(parts)
+            extra = coordinates(parts, dressed_coordinates(copy))
+            points = np.concatenate((points, *(extra[n] for n in sorted(extra))))
             key = (name, events, uid)
             known = memory.copies.get(key)
             if known is not None and known[0] == outer and np.array_equal(known[1], points):
@@ -301,10 +314,9 @@ def _update_copies(
                 solver,
                 regions.rect,
                 settings.tolerance_px,
+                extra,
                 guess,
             )
-        if written.refined:
-            match_materials(copy, source)
         counters["solves"] += 1
         counters["copies"] += 1
         memory.copies[key] = (outer, points, written)

@@ -77,7 +77,7 @@ class SceneSettings(bpy.types.PropertyGroup):
         items=(
             ("1", "1 x 1", "Fastest; edges are not smoothed"),
             ("3", "3 x 3", "Smooth edges"),
-            ("5", "5 x 5", "Smoother; takes three times the memory"),
+            ("5", "5 x 5", "Smoothest; takes more memory"),
         ),
         default="3",
         update=_changed,

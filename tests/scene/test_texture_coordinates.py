@@ -4,20 +4,22 @@
 It is moved as a whole, and so is the camera that looks at it: the two pictures must be the same.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
-import bmesh  # noqa: E402
-from mathutils import Matrix, Vector  # noqa: E402
+from mathutils import Vector  # noqa: E402
 
 from glass_refraction.reference.picture import render_picture  # noqa: E402
 from glass_refraction.scene import names, texture_coordinates  # noqa: E402
-from glass_refraction.scene.arrays import corner_normals, write_attribute  # noqa: E402
+from glass_refraction.scene.arrays import write_attribute  # noqa: E402
+from glass_refraction.scene.mesh_arrays import read_source_mesh, write_mesh  # noqa: E402
 from glass_refraction.scene.modifier_inputs import write_input  # noqa: E402
 from glass_refraction.scene.sources import pieces, world_positions  # noqa: E402
+from glass_refraction.scene.tessellation import Triangles  # noqa: E402
 from glass_refraction.scene.texture_coordinates import (  # noqa: E402
-    add_layers,
     coordinates,
     dress,
     dressed_coordinates,
@@ -224,21 +226,14 @@ def write_carrier(copy, source, depsgraph):
 
 def write_refined(copy, source, depsgraph):
     """As an update does for long edges: the carrier holds the mesh itself, subdivided."""
-    mesh = copy.data
-    joined = bmesh.new()
     with pieces(source, depsgraph) as parts:
-        for part in parts:
-            start = len(joined.verts)
-            joined.from_mesh(part.mesh)
-            add_layers(joined, start, part, dressed_coordinates(copy))
-            matrix = Matrix.Translation(MOVED) @ Matrix(part.to_world.tolist())
-            bmesh.ops.transform(joined, matrix=matrix, verts=joined.verts[start:])
-    bmesh.ops.triangulate(joined, faces=joined.faces[:])
-    bmesh.ops.subdivide_edges(joined, edges=joined.edges[:], cuts=1, use_grid_fill=True)
-    joined.to_mesh(mesh)
-    joined.free()
-    write_attribute(mesh, "rg_seen", np.ones(len(mesh.vertices)), "FLOAT")
-    write_attribute(mesh, "rg_normal", corner_normals(mesh), "FLOAT_VECTOR", "CORNER")
+        arrays = read_source_mesh(parts, coordinates(parts, dressed_coordinates(copy)))
+        triangles = Triangles.whole(arrays.points, arrays.corners)
+        edges, triangle_edges = triangles.edges()
+        triangles = triangles.split(edges, triangle_edges, np.ones(len(edges), bool))
+        moved = replace(triangles, points=triangles.points + MOVED)
+        write_mesh(copy.data, arrays, moved)
+    write_attribute(copy.data, "rg_seen", np.ones(len(moved.points)), "FLOAT")
 
 
 def compare(scene, source, *, write=write_carrier, copy=None):
