@@ -330,7 +330,7 @@ class CoaxialPassage:
             real, imag = np.ones_like(ell), np.zeros_like(ell)
         norm = real * real
         norm += imag * imag
-        np.maximum(norm, SMALLEST, out=norm)
+        np.maximum(norm, 1e-300 if norm.dtype == np.float64 else SMALLEST, out=norm)
         np.sqrt(norm, out=norm)
         np.divide(-1.0 if self.turn % 2 else 1.0, norm, out=norm)
         real = real * norm
@@ -611,7 +611,9 @@ class CoaxialPassage:
         length = line.length + along * (self.ior * per)
         # Along the axis P² = n² − ζ² keeps few digits, and with it the height of the meeting.
         blurred = 1e-15 * self.eye_ior**2 / (self.zeta_max**2 - zeta * zeta)
-        passes = residual <= miss * np.minimum(length + 1.0, FAR) + (1e-12 + blurred) * length
+        away = x if frame.eye is None else x - frame.eye_radius
+        reach = 1.0 + np.sqrt(away * away + y * y + z * z)
+        passes = residual <= miss * np.minimum(reach, FAR) + (1e-12 + blurred) * reach
         if not leg and len(self.sides) == 1:
             passes &= along * self.sides[0] >= 0.0
         if frame.eye is None:
@@ -652,7 +654,7 @@ class CoaxialPassage:
 
     def _write_parallel(self, ell, zeta, line, along, z, length, residual, points, view) -> None:
         frame = self.frame
-        first, second = self._basis(points)
+        _, second = self._basis(points)
         off = ell / np.sqrt(self.eye_ior**2 - zeta * zeta)
         foot = [off * b for b in second]
         if not frame.spherical:
