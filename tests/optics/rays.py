@@ -35,7 +35,9 @@ def aimed(rng, glass, eye, count):
     if coaxial and glass.medium_at(eye) == 0:
         targets = rng.uniform(-1.0, 1.0, (count, 3)) * glass.radius[0]
         if isinstance(glass, optics.CylinderGlass):
-            targets[:, 2] = eye[2] + np.clip(rng.standard_cauchy(count), -30, 30) * np.hypot(*eye[:2])
+            targets[:, 2] = eye[2] + np.clip(rng.standard_cauchy(count), -30, 30) * np.hypot(
+                *eye[:2]
+            )
         directions = targets - eye
     else:
         directions = rng.normal(size=(count, 3))

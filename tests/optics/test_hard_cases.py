@@ -100,14 +100,14 @@ def test_grazing_rays():
 
 @pytest.mark.parametrize("glass", [HOLLOW, FILLED, BALL])
 def test_eyes_in_awkward_places(glass):
-    points = np.concatenate([cloud(), cloud(size=0.03, centre=(0, 0, 0))])
+    points = np.concatenate([cloud(60), cloud(60, size=0.03, centre=(0, 0, 0))])
     radius = glass.radius
     places = [radius[0] + 1e-6, 0.0, radius[-1] * 0.5, 1e-12, radius[0], radius[-1]]
     if len(radius) > 1:
         places.append(0.5 * (radius[0] + radius[1]))
     for away in places:
         eye = np.array([away, 0.0, 0.01 if glass is not BALL else 0.0])
-        for path in optics.light_paths(glass, eye, min_weight=0.05)[:4]:
+        for path in optics.light_paths(glass, eye, min_weight=0.05)[:3]:
             checked(glass, path.events, eye, points, 1e-5 * PIXEL)
 
 
@@ -166,7 +166,7 @@ def test_beside_a_caustic(gap):
         return int(checked(FILLED, "TTTT", eye, points).valid.sum())
 
     assert images(low) == 3 and images(high) == 1
-    for _ in range(60):
+    for _ in range(50):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if images(middle) == 3 else (low, middle)
     assert images(low - gap) == 3
@@ -224,7 +224,13 @@ def test_guesses_change_nothing(glass, tolerance):
 
     def garbage(values):
         return optics.ApparentPoints(
-            values, truth.distance, truth.position, truth.valid, truth.residual, truth.stretch, 0,
+            values,
+            truth.distance,
+            truth.position,
+            truth.valid,
+            truth.residual,
+            truth.stretch,
+            0,
             truth.sheet,
         )
 
@@ -263,9 +269,7 @@ def test_parallel_view_against_a_far_eye(glass):
         same = parallel.valid & far.valid
         assert (parallel.valid != far.valid).mean() < 0.01
         np.testing.assert_allclose(parallel.position[same], far.position[same], atol=1e-5)
-        np.testing.assert_allclose(
-            parallel.distance[same], far.distance[same] - away, atol=1e-5
-        )
+        np.testing.assert_allclose(parallel.distance[same], far.distance[same] - away, atol=1e-5)
         # Exactly: the ray from in front of the glass along the view passes the point.
         for slot in np.flatnonzero(parallel.stretch == len(path)):
             shown = parallel.valid[slot]

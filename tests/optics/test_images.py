@@ -11,15 +11,15 @@ PIXEL = 1.0 / 2400.0
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(5))
 def test_every_path_and_stretch_of_random_glasses(kind, seed):
     """Points picked on traced rays must be seen along just these rays; whatever else is reported
     must trace back to its point."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     glass, eye = random_glass(rng, kind)
     known = 0
-    for path in optics.light_paths(glass, eye, min_weight=0.03)[:5]:
-        directions = aimed(rng, glass, eye, 120)
+    for path in optics.light_paths(glass, eye, min_weight=0.03)[:4]:
+        directions = aimed(rng, glass, eye, 60)
         for stretch in range(1, len(path) + 1):
             points, seen_along = seen_points(rng, glass, eye, directions, path.events, stretch)
             if not len(points):
@@ -31,7 +31,7 @@ def test_every_path_and_stretch_of_random_glasses(kind, seed):
             assert false == 0
             assert worst <= 1e-6 * PIXEL
             assert apparent.residual[apparent.valid].max() <= 1e-6 * PIXEL * 1000.0
-    assert known > 100
+    assert known > 50
 
 
 class DenseScan:
@@ -117,9 +117,7 @@ def test_points_on_interfaces_are_seen():
     eye = np.array([0.5, 0.0, 0.0])
     angle = np.linspace(-0.3, 0.3, 7)
     for radius in glass.radius:
-        points = np.column_stack(
-            [radius * np.cos(angle), radius * np.sin(angle), np.full(7, 0.01)]
-        )
+        points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(7, 0.01)])
         apparent = optics.apparent_points(glass, "TTTT", eye, points)
         assert apparent.valid.any(axis=0).all()
     slab = optics.FlatGlass((0.01,), (1.5,))
@@ -133,8 +131,7 @@ def test_stretches_of_a_cavity_a_wall_and_behind():
     points = np.array([[0.0, 0.01, 0.0], [-0.2, 0.01, 0.0], [0.0385, 0.0, 0.0], [-0.0385, 0, 0]])
     apparent = optics.apparent_points(glass, "TTTT", eye, points)
     seen = {
-        number: sorted(apparent.stretch[apparent.valid[:, number]].tolist())
-        for number in range(4)
+        number: sorted(apparent.stretch[apparent.valid[:, number]].tolist()) for number in range(4)
     }
     assert seen == {0: [2], 1: [4], 2: [1], 3: [3]}
 
@@ -178,9 +175,14 @@ def test_bounded_glasses_lose_images_but_not_positions():
     np.testing.assert_array_equal(traced.valid, part.valid[0])
     assert 0 < part.valid.sum() < whole.valid.sum()
 
-    star = [(np.cos(a) * r, np.sin(a) * r) for a, r in zip(
-        np.linspace(0, 2 * np.pi, 10, endpoint=False), [1.0, 0.4] * 5, strict=True)]
-    pane, open_pane = optics.FlatGlass((0.2,), (1.5,), outline=star), optics.FlatGlass((0.2,), (1.5,))
+    star = [
+        (np.cos(a) * r, np.sin(a) * r)
+        for a, r in zip(np.linspace(0, 2 * np.pi, 10, endpoint=False), [1.0, 0.4] * 5, strict=True)
+    ]
+    pane, open_pane = (
+        optics.FlatGlass((0.2,), (1.5,), outline=star),
+        optics.FlatGlass((0.2,), (1.5,)),
+    )
     points = rng.uniform(-2.0, 2.0, (800, 3)) * (1, 1, 0.2) - (0, 0, 1.0)
     whole = optics.apparent_points(open_pane, "TT", (0.1, 0.2, 1.5), points)
     part = optics.apparent_points(pane, "TT", (0.1, 0.2, 1.5), points)

@@ -41,9 +41,7 @@ def test_refraction_is_reversible(interface):
 def test_reflection(interface):
     direction, normal, _ = interface
     mirrored = optics.reflect(direction, normal)
-    np.testing.assert_allclose(
-        np.cross(normal, mirrored), np.cross(normal, direction), atol=1e-14
-    )
+    np.testing.assert_allclose(np.cross(normal, mirrored), np.cross(normal, direction), atol=1e-14)
     np.testing.assert_allclose(
         np.sum(normal * mirrored, axis=1), -np.sum(normal * direction, axis=1), atol=1e-14
     )

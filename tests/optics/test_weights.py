@@ -1,0 +1,80 @@
+"""Light paths and their weights: energy is kept, regions are complete."""
+
+import numpy as np
+import pytest
+from rays import aimed, random_glass
+
+from glass_refraction import optics
+
+
+@pytest.mark.parametrize("kind", ["flat", "cylinder", "sphere"])
+@pytest.mark.parametrize("seed", range(4))
+def test_energy_sums_to_one(kind, seed):
+    """Many paths leave little; what is left is what has not come out yet, never less than 0."""
+    rng = np.random.default_rng([seed, 7])
+    glass, eye = random_glass(rng, kind)
+    if kind != "flat" and glass.medium_at(eye) > 0:
+        eye = eye * 3.0 + (2.0, 0.0, 0.0)
+    if kind == "flat":
+        eye[2] = 1.0  # light within a layer may be trapped for ever
+    aims = aimed(rng, glass, eye, 500)
+    paths = ["", *optics.light_paths(glass, eye, min_weight=0.005)]
+    weights, rest = optics.path_weights(glass, eye, aims, paths)
+    assert weights.shape == (len(paths), 500) and rest.shape == (500,)
+    assert (weights >= 0.0).all() and (rest >= 0.0).all()
+    np.testing.assert_allclose(weights.sum(axis=0) + rest, 1.0, atol=1e-12)
+    assert np.median(rest) < 0.05
+    for path, weight in zip(paths, weights, strict=True):
+        np.testing.assert_array_equal(optics.trace(glass, eye, aims, path).valid, weight > 0.0)
+
+
+def test_normal_incidence_through_a_slab():
+    slab = optics.FlatGlass((0.01,), (1.5,))
+    weights, _ = optics.path_weights(slab, (0, 0, 1.0), [[0, 0, -3.0]], ["TT", "R", "TRT", "TRRT"])
+    part = 0.04
+    expected = [0.96**2, part, 0.96**2 * part, 0.96**2 * part**2]
+    np.testing.assert_allclose(weights[:, 0], expected, atol=1e-15)
+
+
+def test_drinking_glass_paths_in_order():
+    """Means over the pixels of a hollow glass, as measured before: the order of the first."""
+    glass = optics.CylinderGlass((0.05, 0.046), (1.52, 1.0), extent=(0.0, 0.12))
+    found = [path.events for path in optics.light_paths(glass, (0.5, 0.0, 0.2))]
+    assert found[0] == "TTTT" and {"R", "TRT", "TTRTT", "TTTRTTT", "TRRRT"} <= set(found)
+    assert set(found[1:3]) == {"R", "TRT"} and found[3] == "TTRTT"
+    assert "" not in found
+
+
+def test_eyes_on_every_side():
+    slab = optics.FlatGlass((0.01,), (1.5,), ior_below=1.333)
+    for height in (1.0, -0.005, -1.0):
+        assert optics.light_paths(slab, (0.0, 0.0, height))
+    glass = optics.CylinderGlass((0.04, 0.037), (1.5, 1.333))
+    assert optics.light_paths(glass, (0.01, 0.0, 0.0))[0].events == "TT"
+    assert optics.light_paths(optics.CylinderGlass((0.04,), (1.5,)), (0.3, 0, 0))[0].events == "TT"
+    with pytest.raises(ValueError, match="min_weight"):
+        optics.light_paths(slab, (0.0, 0.0, 1.0), min_weight=0.0)
+
+
+def test_outlines_and_extents_bound_the_paths():
+    pane = optics.FlatGlass((0.1,), (1.5,), outline=[(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    aims = np.array([[0.0, 0.0, -1.0], [3.0, 0.0, -1.0], [0.99, 0.0, -1.0]])
+    weights, rest = optics.path_weights(pane, (0.0, 0.0, 1.0), aims, ["", "TT", "R"])
+    np.testing.assert_array_equal(weights[0], [0.0, 1.0, 0.0])
+    assert weights[1, 0] > 0.9 and weights[1, 2] == 0.0  # leaves by the side face
+    assert rest[2] > 0.5
+    glass = optics.CylinderGlass((0.04, 0.037), (1.5, 1.0), extent=(0.0, 0.1))
+    aims = np.array([[-1.0, 0.0, 0.0], [-1.0, 0.0, 1.0], [-1.0, 0.0, 0.1]])
+    weights, _ = optics.path_weights(glass, (0.5, 0.0, 0.05), aims, ["", "TTTT"])
+    np.testing.assert_array_equal(weights[0], [0.0, 1.0, 0.0])
+    assert weights[1, 0] > 0.8 and weights[1, 2] == 0.0  # leaves above the far wall
+
+
+def test_rays_that_are_none():
+    glass = optics.SphereGlass((0.1,), (1.5,))
+    aims = np.array([[0.0, 0.0, 0.0], [np.nan, 0.0, 1.0], [np.inf, 0.0, 0.0], [-1e300, 0, 0]])
+    traced = optics.trace(glass, (1.0, 0.0, 0.0), aims, "TT")
+    np.testing.assert_array_equal(traced.valid, [False, False, False, True])
+    assert np.isfinite(traced.origin).all() and np.isfinite(traced.direction).all()
+    weights, rest = optics.path_weights(glass, (1.0, 0.0, 0.0), aims, ["TT"])
+    assert np.isfinite(weights).all() and np.isfinite(rest).all()
