@@ -65,15 +65,15 @@ def apparent_points(
             medium = len(glass.media) - 1
     else:
         medium = int(glass.medium_at(eye))
-    if isinstance(glass, FlatGlass):
-        family, places = FlatPassage, some[:, 2]
-    else:
-        family, places = CoaxialPassage, glass.distance_from_axis(some)
+    family = FlatPassage if isinstance(glass, FlatGlass) else CoaxialPassage
+    places = glass.places(some)
     for branch in branches(glass, medium, path):
         for stretch in range(1, len(branch.stretches)):
+            inside = glass.holds(branch.stretches[stretch].medium, places)
+            if not inside.any():
+                continue
             passage = family(glass, eye, branch, stretch)
-            inside = passage.candidates(places)
-            if passage.empty() or not inside.any():
+            if passage.empty():
                 continue
             slots_here = Slots(passage, some, inside, tolerance)
             first = _guessed(guess, passage, finite) if passage.direct else None

@@ -366,16 +366,6 @@ class CoaxialPassage:
 
     # ---- targets ------------------------------------------------------------------------
 
-    def candidates(self, radii: Floats) -> NDArray[np.bool_]:
-        """Which distances from the axis (N,), metres, lie in the medium of this stretch.
-
-        Its interfaces are included.
-        """
-        scale = self.frame.scale
-        return (radii <= scale * self.outer * (1.0 + NEARLY)) & (
-            radii >= scale * self.inner * (1.0 - NEARLY)
-        )
-
     def empty(self) -> bool:
         """Whether no ray takes the path at all."""
         zeta = self.frame.zeta
@@ -526,7 +516,7 @@ class CoaxialPassage:
         maximum) of the optical length, which makes the height a monotone function of ζ. With
         less than a half turn on either side, no circle is met twice.
         """
-        tilt = (np.linspace(0.0, 0.999, 9) * self.zeta_max) ** 2
+        tilt = (np.linspace(0.0, 0.999, 5) * self.zeta_max) ** 2
         if self.frame.zeta is not None:
             tilt = np.array([self.frame.zeta**2])
         least = self.upper_limit(tilt)[0]
@@ -680,14 +670,11 @@ class CoaxialPassage:
         return np.where(lost[:, None], other, unit)
 
 
-MOMENTS = np.unique(np.concatenate([np.arange(9), np.geomspace(9, 1e8, 64).round()]))
+MOMENTS = np.unique(np.concatenate([np.arange(6), np.geomspace(6, 1e8, 26).round()]))
 """Orders at which `CoaxialPassage.single` looks; thin walls need high ones."""
 
 FAR = 100.0
 """Outer radii beyond which distance no longer excuses an error."""
-
-NEARLY = 1e-12
-"""Relative width within which a point counts as on an interface."""
 
 
 SMALLEST = 1e-34

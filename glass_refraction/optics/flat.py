@@ -74,10 +74,6 @@ class FlatPassage:
 
     # ---- targets ------------------------------------------------------------------------
 
-    def candidates(self, heights: Floats) -> NDArray[np.bool_]:
-        """Which z (N,) lie in the medium of this stretch, its interfaces included."""
-        return (heights <= self.top) & (heights >= self.bottom)
-
     def empty(self) -> bool:
         """Whether no ray takes the path at all."""
         return self.parallel and self.seen_along() is None

@@ -107,9 +107,22 @@ class FlatGlass:
         """z of every interface in metres, (number of layers + 1,)."""
         return np.concatenate(([0.0], -np.cumsum(self.thickness)))
 
+    def places(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The coordinate of each point (N, 3) that decides its medium, for `holds`."""
+        return points[:, 2]
+
+    def holds(self, medium: int, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which places lie in a medium, its interfaces included."""
+        edges = (np.inf, *self.heights, -np.inf)
+        return (places <= edges[medium]) & (places >= edges[medium + 1])
+
     def medium_at(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
         """Index of the medium that holds each point (..., 3); an interface counts as above."""
         return np.sum(points[..., 2, None] < self.heights, axis=-1)
+
+
+NEARLY = 1e-12
+"""Relative width within which a point counts as on an interface."""
 
 
 class _Coaxial:
@@ -138,6 +151,16 @@ class _Coaxial:
     def distance_from_axis(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of each point (..., 3) from the axis or centre, in metres."""
         raise NotImplementedError
+
+    def places(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The coordinate of each point (N, 3) that decides its medium, for `holds`."""
+        return self.distance_from_axis(points)
+
+    def holds(self, medium: int, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which places lie in a medium, its interfaces included (with what rounding adds)."""
+        edges = (np.inf, *self.radius, 0.0)
+        inside = places >= edges[medium + 1] * (1.0 - NEARLY)
+        return inside if medium == 0 else inside & (places <= edges[medium] * (1.0 + NEARLY))
 
     def medium_at(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
         """Index of the medium that holds each point (..., 3); an interface counts as outside."""
