@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What light does at glass: where points appear, what each pixel sees. Pure NumPy, metres."""
 
 from .apparent import apparent_points

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Where points appear along a light path: all images of all points, sheet by sheet."""
 
 from __future__ import annotations
@@ -5,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .coaxial import CoaxialPassage
+from .coaxial import COARSE, CoaxialPassage
 from .flat import FlatPassage
 from .glasses import FlatGlass, Glass
 from .images import ApparentPoints, Slot
@@ -164,7 +165,7 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
     passage, tolerance = slots.passage, slots.tolerance
     slots.slot(MAIN)
     # Newton squares the error: the step that follows one this small is far below the tolerance.
-    small = 0.1 * tolerance**0.5 if tolerance > 1e-8 else 1e-7
+    small = 0.3 * tolerance**0.5 if tolerance > 1e-8 else 1e-7
     left, most = [], []
 
     def work(block: slice) -> None:
@@ -177,7 +178,7 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
         steps = 0
         if tolerance > 1e-7 and passage.smooth:
             # Early steps need few digits: half the width, half the memory.
-            enough = tolerance > 5e-6
+            enough = tolerance > COARSE
             rough, steps = newton(
                 passage,
                 passage.into_domain(*(part.astype(np.float32) for part in unknowns)),

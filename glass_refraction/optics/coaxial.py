@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Equations of cylinders round one axis and of spheres round one centre.
 
 A ray keeps two invariants here, in every medium: ζ = n·d_z and ℓ = n·(x·d_y − y·d_x), with d its
@@ -400,7 +401,8 @@ class CoaxialPassage:
         """Invariants of rays that leave the eye along `direction` (N, 3), as a start."""
         frame = self.frame
         cosine, sine = (float(part) for part in frame.axes[0, :2])
-        direction = np.clip(direction, -1.0, 1.0)
+        if direction.max(initial=0.0) > 1.0 or direction.min(initial=0.0) < -1.0:
+            direction = np.clip(direction, -1.0, 1.0)
         ell = (direction[:, 1] * cosine - direction[:, 0] * sine) * (
             self.eye_ior * frame.eye_radius
         )
@@ -586,7 +588,12 @@ class CoaxialPassage:
         frame, scale = self.frame, self.frame.scale
         ell, zeta, *leg = unknowns
         x, y, z = targets
-        line = self.follow(ell, zeta, slopes=False)
+        if miss > COARSE and self.smooth and not leg:
+            # Lengths and misses then need no more digits than float32 has.
+            x, y, z = (part.astype(np.float32) for part in targets)
+            line = self.follow(ell.astype(np.float32), zeta.astype(np.float32), slopes=False)
+        else:
+            line = self.follow(ell, zeta, slopes=False)
         along, across, rise, p = line.misses(x, y, z)
         per = 1.0 / p
         if leg:
@@ -636,7 +643,7 @@ class CoaxialPassage:
         direction = [w * float(a) + turned * b for a, b in zip(first, second, strict=True)]
         if not frame.spherical:
             direction[2] = zeta * (1.0 / self.eye_ior)
-        distance = length * frame.scale
+        distance = np.asarray(length, dtype=np.float64) * frame.scale
         position = [
             float(o) * frame.scale + distance * d for o, d in zip(frame.eye, direction, strict=True)
         ]
@@ -672,6 +679,9 @@ class CoaxialPassage:
 
 MOMENTS = np.unique(np.concatenate([np.arange(6), np.geomspace(6, 1e8, 26).round()]))
 """Orders at which `CoaxialPassage.single` looks; thin walls need high ones."""
+
+COARSE = 5e-6
+"""Tolerance in radians above which float32 will do to the end."""
 
 FAR = 100.0
 """Outer radii beyond which distance no longer excuses an error."""

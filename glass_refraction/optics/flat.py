@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Equations of flat layers: one unknown decides a whole path.
 
 The tangential part κ of the optical momentum n·d is the same in every layer. A target at the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The glasses: frozen descriptions, each in its own frame, in metres.
 
 Media are counted in the order of their interfaces: medium 0 lies above (or outside) the first

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Images of points: the record that callers get, and the piece that each family computes."""
 
 from __future__ import annotations

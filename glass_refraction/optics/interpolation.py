@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How far the straight edges of a displaced mesh lie from the curved image they stand for."""
 
 from __future__ import annotations

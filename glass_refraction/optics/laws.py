@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """What happens to a ray at one interface: Snell's law, the mirror law and Fresnel's equations."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Indices of refraction of named media, from the DirectX refraction note among the sources."""
 
 from types import MappingProxyType

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Light paths: what a ray does at each interface it meets, in order from the eye."""
 
 from collections.abc import Iterator

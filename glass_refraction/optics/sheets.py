@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """All images of points in one coaxial passage, separated into sheets.
 
 For a target at radius r, height z and azimuth φ, the rays that reach *some* point of its circle

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The safeguarded Newton solver that flat and coaxial equations share, and its blocks."""
 
 from __future__ import annotations

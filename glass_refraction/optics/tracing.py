@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Forward tracing with plain vector refraction, one interface after the other.
 
 This is the slow, obvious way: it knows nothing of ray invariants, so it decides every case the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """How much light reaches the eye along each path, and which paths matter."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Tests of the optics library: laws of light, not golden numbers. No Blender needed."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Ways to make random cases and to check answers by plain forward tracing."""
 
 import numpy as np

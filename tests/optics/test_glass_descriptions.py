@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Descriptions of glasses: good ones are kept, bad ones named."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Cases at the limits of geometry and of floating point: never NaN, never a warning."""
 
 import numpy as np
@@ -147,7 +148,7 @@ def test_far_from_the_origin():
     far = np.array([1e5, -1e5, 0.0])
     points = cloud(centre=(0.1, 0.0, -0.5))
     near = optics.apparent_points(SLAB, "TT", (0.0, 0.0, 0.3), points)
-    moved = proper(optics.apparent_points(SLAB, "TT", far + (0.0, 0.0, 0.3), points + far))
+    moved = proper(optics.apparent_points(SLAB, "TT", np.add(far, (0.0, 0.0, 0.3)), points + far))
     np.testing.assert_allclose(moved.direction, near.direction, atol=1e-9)
     high = np.array([0.0, 0.0, 1e5])
     near = optics.apparent_points(HOLLOW, "TTTT", EYE, cloud())

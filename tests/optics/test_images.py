@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Images against plain forward tracing: none missing, none false, every one at its place."""
 
 import numpy as np
@@ -165,7 +166,7 @@ def test_position_distance_and_reversal(shape, path):
 def test_bounded_glasses_lose_images_but_not_positions():
     eye = np.array([0.5, 0.0, 0.06])
     rng = np.random.default_rng(4)
-    points = rng.uniform(-0.05, 0.05, (500, 3)) + [-0.2, 0.0, 0.06]
+    points = np.add(rng.uniform(-0.05, 0.05, (500, 3)), (-0.2, 0.0, 0.06))
     free = optics.CylinderGlass((0.04, 0.037), (1.5, 1.0))
     cut = optics.CylinderGlass((0.04, 0.037), (1.5, 1.0), extent=(0.05, 0.07))
     whole = optics.apparent_points(free, "TTTT", eye, points)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """The bound on the interpolation error holds, and is not much more than the error."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Snell, the mirror and Fresnel at one interface."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Light paths and their weights: energy is kept, regions are complete."""
 
 import numpy as np
