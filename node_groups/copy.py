@@ -42,7 +42,10 @@ def build():
     stored = b.node("InputNamedAttribute", data_type="FLOAT_VECTOR")
     stored.inputs["Name"].default_value = "rg_normal"
     normal = b.switch(
-        "VECTOR", refined.outputs[0], original.outputs["Normal"], enabled(stored.outputs, "Attribute")
+        "VECTOR",
+        refined.outputs[0],
+        original.outputs["Normal"],
+        enabled(stored.outputs, "Attribute"),
     )
     capture = b.node("CaptureAttribute", domain="CORNER")
     capture.capture_items.new("VECTOR", "Normal")
@@ -66,14 +69,20 @@ def build():
     lookup = b.node("StoreNamedAttribute", data_type="FLOAT_COLOR", domain="POINT")
     lookup.inputs["Name"].default_value = "rg_lookup"
     b.link(capture.outputs["Geometry"], lookup.inputs["Geometry"])
-    b.link(from_carrier("FLOAT_COLOR", named("FLOAT_COLOR", "rg_lookup")), enabled(lookup.inputs, "Value"))
+    b.link(
+        from_carrier("FLOAT_COLOR", named("FLOAT_COLOR", "rg_lookup")),
+        enabled(lookup.inputs, "Value"),
+    )
 
     stored = lookup.outputs[0]
     for name in COORDINATES:
         store = b.node("StoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
         store.inputs["Name"].default_value = name
         b.link(stored, store.inputs["Geometry"])
-        b.link(from_carrier("FLOAT_VECTOR", named("FLOAT_VECTOR", name)), enabled(store.inputs, "Value"))
+        b.link(
+            from_carrier("FLOAT_VECTOR", named("FLOAT_VECTOR", name)),
+            enabled(store.inputs, "Value"),
+        )
         # Only what the carrier holds, lest the source's own attribute of that name be lost.
         there = b.node("InputNamedAttribute", data_type="FLOAT_VECTOR")
         there.inputs["Name"].default_value = name

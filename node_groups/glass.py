@@ -28,9 +28,7 @@ def build():
     tube = _lathe(
         b, segments, (radius, radius, inner, inner, radius), (0.0, height, height, 0.0, 0.0)
     )
-    rod = _lathe(
-        b, segments, (0.0, radius, radius, 0.0, 0.0), (0.0, 0.0, height, height, height)
-    )
+    rod = _lathe(b, segments, (0.0, radius, radius, 0.0, 0.0), (0.0, 0.0, height, height, height))
     sphere = _sphere(b, radius, inner, wall, segments)
 
     menu = b.node("MenuSwitch", data_type="GEOMETRY")
@@ -100,7 +98,12 @@ def _interface(b: TreeBuilder) -> None:
     )
     b.socket("Material", "Material", description="Of the mesh, where it is shown as a mesh")
     b.socket(
-        "Segments", "Int", default=128, minimum=8, maximum=1024, description="Of the mesh, round the axis"
+        "Segments",
+        "Int",
+        default=128,
+        minimum=8,
+        maximum=1024,
+        description="Of the mesh, round the axis",
     )
     b.socket(
         "Show in Render",

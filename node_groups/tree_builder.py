@@ -52,7 +52,11 @@ class TreeBuilder:
 
     def node(self, kind: str, *, label: str = "", **properties):
         """Add a node; ``kind`` without its ``GeometryNode`` prefix, or a full idname."""
-        idname = kind if kind.startswith(("ShaderNode", "NodeGroup", "Function")) else f"GeometryNode{kind}"
+        idname = (
+            kind
+            if kind.startswith(("ShaderNode", "NodeGroup", "Function"))
+            else f"GeometryNode{kind}"
+        )
         node = self.tree.nodes.new(idname)
         node.label = label
         node.location = (200 * self._column, -40 * (self._column % 5))

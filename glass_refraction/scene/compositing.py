@@ -220,14 +220,10 @@ class _Group:
         for path, weight in zip(pane.paths, weights):
             path_colour, path_alpha = self._path(pane, path)
             seen_colour = self._vector("ADD", seen_colour, self._scaled(path_colour, weight))
-            seen_alpha = self._math(
-                "ADD", seen_alpha, self._math("MULTIPLY", path_alpha, weight)
-            )
+            seen_alpha = self._math("ADD", seen_alpha, self._math("MULTIPLY", path_alpha, weight))
         cover = self._mask(pane)
         beside = self._math("SUBTRACT", 1.0, cover)
-        colour = self._vector(
-            "ADD", self._scaled(colour, beside), self._scaled(seen_colour, cover)
-        )
+        colour = self._vector("ADD", self._scaled(colour, beside), self._scaled(seen_colour, cover))
         alpha = self._math(
             "ADD", self._math("MULTIPLY", alpha, beside), self._math("MULTIPLY", seen_alpha, cover)
         )
@@ -258,9 +254,7 @@ class _Group:
         share = self._brought_down(shown)
         missing = self._math("SUBTRACT", 1.0, share)
         colour = self._vector("ADD", found, self._scaled(drawn.outputs["Image"], missing))
-        alpha = self._math(
-            "ADD", share, self._math("MULTIPLY", drawn.outputs["Alpha"], missing)
-        )
+        alpha = self._math("ADD", share, self._math("MULTIPLY", drawn.outputs["Alpha"], missing))
         return colour, alpha
 
     def _shown_in_direct(self, place, inverse_depth, alpha):
@@ -268,9 +262,7 @@ class _Group:
         split = self._node("CompositorNodeSeparateColor")
         self._link(self._map(self.direct_depth, place, "Bilinear"), split.inputs[0])
         off = self._math("ABSOLUTE", self._math("SUBTRACT", split.outputs[0], inverse_depth))
-        near = self._math(
-            "LESS_THAN", off, self._math("MULTIPLY", inverse_depth, DEPTH_TOLERANCE)
-        )
+        near = self._math("LESS_THAN", off, self._math("MULTIPLY", inverse_depth, DEPTH_TOLERANCE))
         # Between a surface and nothing there is no place to interpolate.
         return self._math("MULTIPLY", near, self._math("GREATER_THAN", alpha, 0.999))
 

@@ -11,8 +11,8 @@ import numpy as np
 from .. import optics
 from .arrays import write_attribute
 from .glasses import Glass, unbounded
-from .modifier_inputs import write_input
 from .mesh_arrays import SourceMesh, read_source_mesh, write_mesh
+from .modifier_inputs import write_input
 from .sources import Piece, world_positions
 from .tessellation import (
     Images,
@@ -63,6 +63,10 @@ class Solver:
         return Images(self.glass.points_to_world(found.position), found.valid, found.stretch)
 
 
+FAINT = 0.5
+"""Paths with less of the light than this show an object only where a probe's ray comes near it."""
+
+
 @dataclass
 class Written:
     """What a copy holds.
@@ -89,6 +93,7 @@ def write_copy(
     rect: tuple[int, int, int, int],
     max_gap_px: float,
     extra: dict[str, np.ndarray],
+    importance: float = 1.0,
     guess: optics.ApparentPoints | None = None,
 ) -> Written:
     """Solve a source and write where it appears into the copy's carrier mesh.
@@ -99,11 +104,15 @@ def write_copy(
     rect : pixels that the glass covers; what appears beside them is left out.
     max_gap_px : triangles whose edges miss the true image by more are split.
     extra : texture coordinates of the true place, name -> (N, 3), for materials that need them.
+    importance : the path's part of the light, which limits how many vertices it is worth.
     guess : the last result for the same vertices.
     """
     view = solver.view
     points = world_positions(parts)
-    if not len(points):
+    probe = region_probe(solver.glass, view, solver.path, rect)
+    # A faint path is not searched for objects that its rays pass by.
+    passed_by = importance < FAINT and not (len(points) and probe.meets_box(points))
+    if not len(points) or passed_by:
         _write_carrier(copy.data, np.empty((0, 3)), np.empty(0), np.empty((0, 4)))
         return Written(0, 0.0, False, None)
     if guess is not None and guess.valid.shape[1] != len(points):
@@ -112,10 +121,9 @@ def write_copy(
     source = read_source_mesh(parts, extra)
     triangles = Triangles.whole(source.points, source.corners)
     images = solver.in_world(found)
-    visible, bound = _check(triangles, images, solver, rect)
-    if (visible and (bound > max_gap_px or not carried)) or _may_hide_more(triangles, images):
-        probe = region_probe(solver.glass, view, solver.path, rect)
-        refined = refine(triangles, solver.images, probe, view, rect, max_gap_px)
+    visible, wrong, bound = _check(triangles, images, solver, rect, max_gap_px)
+    if (visible and (wrong or not carried)) or _may_hide_more(triangles, images):
+        refined = refine(triangles, solver.images, probe, view, rect, max_gap_px, importance)
         if refined.visible:
             points = refined.triangles.points
             images = solver.images(points)
@@ -139,16 +147,15 @@ def write_true_mesh(obj: bpy.types.Object, parts: list[Piece]) -> None:
     obj.data.update_tag()
 
 
-def _check(triangles: Triangles, images: Images, solver: Solver, rect) -> tuple[bool, float]:
-    """Whether any of it appears in the rectangle, and the largest gap of an edge there."""
+def _check(triangles: Triangles, images: Images, solver: Solver, rect, max_gap_px: float):
+    """Whether any of it appears in the rectangle, needs a split there, and the bound on its gaps."""
     if not images.valid.any():
-        return False, 0.0
+        return False, False, 0.0
     edges, triangle_edges = triangles.edges()
     middles = solver.images(triangles.points[edges].mean(axis=1))
     found = edge_images(triangles.points, edges, images, middles, solver.view)
     near = found.near(triangle_edges, rect)
-    wrong = near & found.splittable()
-    return bool(near.any()), float(found.gap[wrong].max(initial=0.0))
+    return bool(near.any()), bool(found.wrong(near, max_gap_px).any()), found.bound(near)
 
 
 def _may_hide_more(triangles: Triangles, images: Images) -> bool:

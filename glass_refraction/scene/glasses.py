@@ -71,9 +71,7 @@ def glass_objects(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
     return found
 
 
-def read_glasses(
-    depsgraph: bpy.types.Depsgraph, problems: list[str] | None = None
-) -> list[Glass]:
+def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = None) -> list[Glass]:
     """All glasses of the depsgraph's view layer as they are evaluated there.
 
     Parameters

@@ -101,7 +101,12 @@ def _grid(segments: int, place, rows: int) -> tuple[np.ndarray, np.ndarray]:
     i, j = np.meshgrid(np.arange(segments), np.arange(rows - 1))
     right = (i + 1) % segments
     quads = np.stack(
-        (j * segments + i, j * segments + right, (j + 1) * segments + right, (j + 1) * segments + i),
+        (
+            j * segments + i,
+            j * segments + right,
+            (j + 1) * segments + right,
+            (j + 1) * segments + i,
+        ),
         axis=-1,
     )
     return vertices, quads.reshape(-1, 4)

@@ -37,9 +37,7 @@ class SourceMesh:
     of_face: dict[str, tuple[str, np.ndarray]] = field(default_factory=dict)
 
 
-def read_source_mesh(
-    parts: list[Piece], extra: dict[str, np.ndarray] | None = None
-) -> SourceMesh:
+def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = None) -> SourceMesh:
     """Join the pieces of a source; materials of later pieces follow those of earlier ones.
 
     Parameters

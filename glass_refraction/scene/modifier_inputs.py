@@ -20,7 +20,8 @@ def _menu_items(modifier: bpy.types.NodesModifier, identifier: str):
 def _is_menu(modifier: bpy.types.NodesModifier, name: str) -> bool:
     items = modifier.node_group.interface.items_tree
     return any(
-        i.name == name and i.item_type == "SOCKET" and i.socket_type == "NodeSocketMenu" for i in items
+        i.name == name and i.item_type == "SOCKET" and i.socket_type == "NodeSocketMenu"
+        for i in items
     )
 
 

@@ -44,6 +44,12 @@ class Regions:
     inside: np.ndarray
     hit: np.ndarray
 
+    def importance(self, path: optics.LightPath) -> float:
+        """The weight that the path's light has on average where it has one: sum w^2 / sum w."""
+        weights = self.weights[self.paths.index(path)].astype(float)
+        total = weights.sum()
+        return float((weights**2).sum() / total) if total > 0 else 0.0
+
     def full(self, values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         """One of the arrays above (..., h, w) placed in a picture of ``size``, zero elsewhere."""
         x0, y0, x1, y1 = self.rect
@@ -56,7 +62,10 @@ def blackman_harris(x: np.ndarray) -> np.ndarray:
     """The window over its support -0.5 to 0.5 (Harris 1978, four terms)."""
     angle = 2.0 * np.pi * np.asarray(x)
     return (
-        0.35875 + 0.48829 * np.cos(angle) + 0.14128 * np.cos(2 * angle) + 0.01168 * np.cos(3 * angle)
+        0.35875
+        + 0.48829 * np.cos(angle)
+        + 0.14128 * np.cos(2 * angle)
+        + 0.01168 * np.cos(3 * angle)
     )
 
 

@@ -56,7 +56,9 @@ def source_objects(
     return found
 
 
-def seen_through(glass: bpy.types.Object, sources: list[bpy.types.Object]) -> list[bpy.types.Object]:
+def seen_through(
+    glass: bpy.types.Object, sources: list[bpy.types.Object]
+) -> list[bpy.types.Object]:
     """The sources that the glass's collection lets be seen through it; all without a collection."""
     collection = read_input(glass_modifier(glass), "Seen Through")
     if collection is None:
@@ -102,10 +104,7 @@ def world_positions(parts: list[Piece]) -> np.ndarray:
     if not parts:
         return np.empty((0, 3))
     return np.concatenate(
-        [
-            positions(part.mesh) @ part.to_world[:3, :3].T + part.to_world[:3, 3]
-            for part in parts
-        ]
+        [positions(part.mesh) @ part.to_world[:3, :3].T + part.to_world[:3, 3] for part in parts]
     )
 
 

@@ -44,6 +44,8 @@ from .viewpoint import Viewpoint, read_viewpoint
 PATH_SEARCH_STEP = 4
 """Pixels a side for each ray with which the paths' mean weights are found."""
 
+MAX_TOLERANCE_PX = 8.0
+
 counters: Counter[str] = Counter()
 """Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``."""
 
@@ -292,8 +294,11 @@ def _update_copies(
     scene, memory, pane: Pane, glass: Glass, path, view: Viewpoint, regions, copies, depsgraph
 ) -> None:
     settings = scene.refractive_glass
+    # What carries little light may lie less exactly: the error in the picture is the product.
+    importance = max(regions.importance(path), 1e-3)
+    tolerance = min(settings.tolerance_px / importance, MAX_TOLERANCE_PX)
     solver = Solver(glass, path, view, 0.1 * settings.tolerance_px)
-    outer = (glass.stamp(), view.stamp(), settings.tolerance_px, regions.rect)
+    outer = (glass.stamp(), view.stamp(), tolerance, regions.rect)
     for (name, events, uid), copy in copies.items():
         if (name, events) != (pane.glass.name, path.events):
             continue
@@ -313,8 +318,9 @@ def _update_copies(
                 is_carried(source),
                 solver,
                 regions.rect,
-                settings.tolerance_px,
+                tolerance,
                 extra,
+                importance,
                 guess,
             )
         counters["solves"] += 1

@@ -20,7 +20,12 @@ def _read(obj):
 
 def test_operator_values_reach_the_description():
     obj = scenes.glass(
-        shape="CYLINDER", radius=0.05, wall_thickness=0.004, height=0.2, ior=1.52, contents_ior=1.333
+        shape="CYLINDER",
+        radius=0.05,
+        wall_thickness=0.004,
+        height=0.2,
+        ior=1.52,
+        contents_ior=1.333,
     )
     found = _read(obj).description
     assert isinstance(found, optics.CylinderGlass)

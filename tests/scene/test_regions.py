@@ -34,7 +34,9 @@ def _peeled(glass, view):
     trees = []
     for surface in glass_surfaces(glass.description):
         ends = np.cumsum(surface.sizes)
-        faces = [surface.corners[e - n : e].tolist() for e, n in zip(ends, surface.sizes, strict=True)]
+        faces = [
+            surface.corners[e - n : e].tolist() for e, n in zip(ends, surface.sizes, strict=True)
+        ]
         trees.append(BVHTree.FromPolygons(surface.vertices.tolist(), faces))
     width, height = view.size
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
@@ -54,8 +56,9 @@ def _peeled(glass, view):
 
 
 def _near_border(labels):
-    """Pixels within one of another label."""
-    near = np.zeros(labels.shape, bool)
+    """Pixels within one of another label, or of the picture's edge, beyond which one may lie."""
+    near = np.ones(labels.shape, bool)
+    near[1:-1, 1:-1] = False
     padded = np.pad(labels, 1, mode="edge")
     for dy in range(3):
         for dx in range(3):
@@ -107,7 +110,10 @@ def test_border_pixels_hold_the_covered_part():
     offsets = (np.arange(64) + 0.5) / 64 - 0.5
     angle = 2 * np.pi * offsets
     window = (
-        0.35875 + 0.48829 * np.cos(angle) + 0.14128 * np.cos(2 * angle) + 0.01168 * np.cos(3 * angle)
+        0.35875
+        + 0.48829 * np.cos(angle)
+        + 0.14128 * np.cos(2 * angle)
+        + 0.01168 * np.cos(3 * angle)
     )
     weight = np.outer(window, window).ravel()
     dx, dy = (o.ravel() * 1.5 for o in np.meshgrid(offsets, offsets))

@@ -104,8 +104,12 @@ def test_what_was_made_goes_with_the_glass(way):
     assert scene.compositing_node_group is None
     if way == "disable":
         assert _data() == before
-    left = [b for kind in ("scenes", "objects", "collections", "images") for b in
-            getattr(bpy.data, kind) if own(b)]
+    left = [
+        b
+        for kind in ("scenes", "objects", "collections", "images")
+        for b in getattr(bpy.data, kind)
+        if own(b)
+    ]
     assert not left
     assert wall.name in scene.objects
 
