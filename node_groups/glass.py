@@ -35,7 +35,7 @@ def build():
     menu.enum_items.clear()
     for name in SHAPES:
         menu.enum_items.new(name)
-    for name, made in zip(SHAPES, (slab, tube, rod, sphere)):
+    for name, made in zip(SHAPES, (slab, tube, rod, sphere), strict=True):
         b.link(made, menu.inputs[name])
     b.link(group.outputs["Shape"], menu.inputs["Menu"])
     shape_socket = next(i for i in b.tree.interface.items_tree if i.name == "Shape")
@@ -74,7 +74,7 @@ def _interface(b: TreeBuilder) -> None:
         default=0.003,
         minimum=0.0,
         subtype="DISTANCE",
-        description="Of a cylinder's or hollow sphere's wall, or of the slab; a sphere with 0 is a solid ball",
+        description="Of a wall, or of the slab; a sphere with 0 is a solid ball",
     )
     b.socket(
         "Height",
@@ -89,7 +89,7 @@ def _interface(b: TreeBuilder) -> None:
         "Contents IOR",
         "Float",
         default=1.0,
-        description="Index of refraction of what fills a cylinder or sphere: 1 for air, 1.333 for water",
+        description="Index of refraction of the contents: 1 for air, 1.333 for water",
     )
     b.socket(
         "Seen Through",
@@ -110,7 +110,7 @@ def _interface(b: TreeBuilder) -> None:
         "Bool",
         default=False,
         hidden=True,
-        description="Set by the extension: the mesh is rendered only while the refraction is switched off",
+        description="Set by the extension: rendered as a mesh only while the refraction is off",
     )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``Refractive Glass Occluder``: a source at its true place, for depth and for what hides the glass."""
+"""``Refractive Glass Occluder``: a source at its true place, for depth and for hiding the glass."""
 
 from __future__ import annotations
 

@@ -163,7 +163,7 @@ def _remove_tree(tree: bpy.types.NodeTree) -> None:
 
 
 def _spline_inverse(half: int = 8) -> np.ndarray:
-    """The cubic B-spline's inverse (Unser, "Splines", 1999, eq. 18): alternating, falling as z^k."""
+    """The cubic B-spline's inverse, falling as z^k (Unser, "Splines", 1999, eq. 18)."""
     z = np.sqrt(3.0) - 2.0
     return z ** np.abs(np.arange(-half, half + 1))
 
@@ -190,9 +190,6 @@ class _Group:
             # Map UV's bicubic is a B-spline, which blurs; with the picture turned into its
             # coefficients first it goes through the pixels (Unser 1999).
             self.direct = self._convolved(self.direct, self._kernel("spline", _spline_inverse()))
-            # What is looked up was filtered when the direct picture was rendered: the mean over
-            # the pixel is all that it still needs.
-            self.pixel_mean = self._kernel("mean", np.ones(subdivision))
         self.environment = self._layer(layers.displaced, ENVIRONMENT_LAYER)
         for pane in panes:
             colour, alpha = self._through(pane, colour, alpha)
@@ -217,7 +214,7 @@ class _Group:
         for weight in weights[1 : len(pane.paths) + 1]:
             dark = self._math("SUBTRACT", dark, weight)
         seen_alpha = self._math("ADD", seen_alpha, dark)
-        for path, weight in zip(pane.paths, weights):
+        for path, weight in zip(pane.paths, weights, strict=False):
             path_colour, path_alpha = self._path(pane, path)
             seen_colour = self._vector("ADD", seen_colour, self._scaled(path_colour, weight))
             seen_alpha = self._math("ADD", seen_alpha, self._math("MULTIPLY", path_alpha, weight))
@@ -286,11 +283,18 @@ class _Group:
         return scale.outputs["Image"]
 
     def _brought_down(self, image):
-        """The mean over each pixel of what was looked up in its parts."""
+        """The mean over each pixel of what was looked up in its parts.
+
+        It was filtered when the direct picture was rendered; it needs no more than the mean.
+        """
+        mean = self._node("CompositorNodeBlur")
+        mean.inputs["Type"].default_value = "Flat"
+        mean.inputs["Size"].default_value = (self.subdivision // 2,) * 2
+        self._link(image, mean.inputs["Image"])
         scale = self._node("CompositorNodeScale")
         scale.inputs["Type"].default_value = "Render Size"
         scale.inputs["Interpolation"].default_value = "Nearest"
-        self._link(self._convolved(image, self.pixel_mean), scale.inputs["Image"])
+        self._link(mean.outputs["Image"], scale.inputs["Image"])
         return scale.outputs["Image"]
 
     def _convolved(self, image, kernel):

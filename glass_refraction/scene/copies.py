@@ -148,7 +148,7 @@ def write_true_mesh(obj: bpy.types.Object, parts: list[Piece]) -> None:
 
 
 def _check(triangles: Triangles, images: Images, solver: Solver, rect, max_gap_px: float):
-    """Whether any of it appears in the rectangle, needs a split there, and the bound on its gaps."""
+    """Whether any of it appears in the rectangle, needs a split there, and the gaps' bound."""
     if not images.valid.any():
         return False, False, 0.0
     edges, triangle_edges = triangles.edges()

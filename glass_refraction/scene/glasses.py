@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Glass objects read as optics descriptions: shape and media from the modifier, pose from the object."""
+"""Glass objects as optics descriptions: shape and media from the modifier, pose from the object."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Glass:
         return (self.name, self.description, self.to_world.tobytes())
 
     def to_local(self, points: np.ndarray) -> np.ndarray:
-        """World points (..., 3) in the glass's frame; the pose is rigid, so its inverse is exact."""
+        """World points (..., 3) in the glass's frame."""
         return (np.asarray(points, float) - self.to_world[:3, 3]) @ self.to_world[:3, :3]
 
     def direction_to_local(self, directions: np.ndarray) -> np.ndarray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The regions of the picture by number of refractions, one colour a count (the paper's figure 8)."""
+"""The picture's regions by number of refractions, one colour a count (the paper's figure 8)."""
 
 from __future__ import annotations
 

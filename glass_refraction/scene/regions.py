@@ -158,13 +158,13 @@ class _Rays:
         return eye, self.glass.direction_to_local(directions)
 
     def filtered(self, x: np.ndarray, y: np.ndarray):
-        """Means over the pixel filter, of the rays that meet the glass: (P, M); their share (M,)."""
+        """Means over the pixel filter of the rays that meet the glass (P, M); their share (M,)."""
         offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
         window = blackman_harris(offsets)
         total = np.zeros((len(self.paths), len(x)))
         cover = np.zeros(len(x))
-        for dy, wy in zip(offsets, window):
-            for dx, wx in zip(offsets, window):
+        for dy, wy in zip(offsets, window, strict=True):
+            for dx, wx in zip(offsets, window, strict=True):
                 found, hit, _ = self.weights(x + dx * FILTER_WIDTH, y + dy * FILTER_WIDTH)
                 total += wx * wy * np.where(hit, found, 0.0)
                 cover += wx * wy * hit
@@ -185,7 +185,7 @@ def _border(labels: np.ndarray) -> np.ndarray:
 
 
 def _shifted(values: np.ndarray, dy: int, dx: int) -> tuple[np.ndarray, np.ndarray]:
-    """Views (K, h', w') of the pixels that have a neighbour at that offset, and of the neighbours."""
+    """Views (K, h', w') of the pixels with a neighbour at that offset, and of the neighbours."""
     h, w = values.shape[1:]
     here = values[:, max(0, -dy) : h - max(0, dy), max(0, -dx) : w - max(0, dx)]
     there = values[:, max(0, dy) : h + min(0, dy), max(0, dx) : w + min(0, dx)]
@@ -201,10 +201,10 @@ def _spread(weights: np.ndarray, known: np.ndarray, steps: int = 3) -> None:
         total, count = np.zeros_like(weights), np.zeros(known.shape)
         for dy in (-1, 0, 1):
             for dx in (-1, 0, 1):
-                here, there = _shifted(np.where(known, weights, 0.0), dy, dx)
+                _, there = _shifted(np.where(known, weights, 0.0), dy, dx)
                 target, _ = _shifted(total, dy, dx)
                 target += there
-                here, there = _shifted(known[None].astype(float), dy, dx)
+                _, there = _shifted(known[None].astype(float), dy, dx)
                 target, _ = _shifted(count[None], dy, dx)
                 target += there
         grown = ~known & (count > 0)
@@ -232,7 +232,7 @@ def region_masks(
         cover = np.zeros((height, width), bool)
         cover |= found.full(found.weights.sum(axis=0) > 0, view.size)
         beside &= ~cover
-        for path, inside in zip(found.paths, found.inside):
+        for path, inside in zip(found.paths, found.inside, strict=True):
             mask = masks.setdefault(path.events, np.zeros((height, width), bool))
             mask |= found.full(inside, view.size)
     masks[""] = beside

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials of the extension's own layers: where to look, how deep, and whether the glass is seen."""
+"""Materials of the own layers: where to look, how deep, and whether the glass is seen."""
 
 from __future__ import annotations
 

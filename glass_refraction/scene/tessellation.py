@@ -25,8 +25,8 @@ FINE_SHARE = 0.2
 """A source that ends up small is split down to this part of the tolerance: a gap of a quarter pixel
 at a hard edge of a texture costs 6 dB against a tenth, and on few vertices the gain is free."""
 INTERIOR = 4.0 / 3.0
-"""Largest gap inside a triangle over the largest at its edges' middles: with vector gaps e the image
-of a quadratic map misses the flat one by 4 (e12 a b + e23 b c + e31 c a) at barycentric a, b, c."""
+"""Largest gap inside a triangle over the largest at its edges' middles: with vector gaps e, a
+quadratic map misses the flat one by 4 (e12 a b + e23 b c + e31 c a) at barycentric a, b, c."""
 SHORT_EDGE_PX = 1.0
 """An edge whose ends appear this near to each other is not split, whatever lies between them."""
 ACROSS_PX = 3.0
@@ -190,7 +190,7 @@ class EdgeImages:
         return INTERIOR * float(self.gap[seen].max(initial=0.0))
 
     def wrong(self, near: np.ndarray, aim: float) -> np.ndarray:
-        """(E,) which of these edges miss by more than ``aim`` pixels and are long enough to show."""
+        """(E,) which of these edges miss by more than ``aim`` pixels and are long enough."""
         least = np.where(self.across, max(ACROSS_PX, 4 * aim), max(SHORT_EDGE_PX, aim))
         return near & (self.length > least) & (self.gap > aim)
 
@@ -239,7 +239,7 @@ def edge_images(
 
 
 def view_pixels(view: Viewpoint, points: np.ndarray) -> np.ndarray:
-    """Pixel coordinates (N, 2), finite also for points behind the eye (then far off the picture)."""
+    """Pixel coordinates (N, 2), finite also for points behind the eye (then far off)."""
     clip = view.clip(points)
     w = np.where(clip[:, 2] > 1e-9, clip[:, 2], 1e-9)
     return np.clip(clip[:, :2] / w[:, None] * view.size, -1e5, 1e5)
@@ -264,7 +264,7 @@ def overlaps(box: np.ndarray, rect: tuple[int, int, int, int]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """What a refinement ended with: the triangles, and a bound on the gaps left in the rectangle."""
+    """What a refinement ended with: the triangles, and a bound on the gaps left."""
 
     triangles: Triangles
     bound_px: float

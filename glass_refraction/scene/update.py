@@ -172,7 +172,7 @@ def remove(scene: bpy.types.Scene) -> None:
 
 
 def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
-    """Solve what changed and write it into the copies, masks and settings that :func:`prepare` made.
+    """Solve what changed and write it into what :func:`prepare` made.
 
     Parameters
     ----------

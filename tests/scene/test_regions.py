@@ -118,7 +118,7 @@ def test_border_pixels_hold_the_covered_part():
     weight = np.outer(window, window).ravel()
     dx, dy = (o.ravel() * 1.5 for o in np.meshgrid(offsets, offsets))
     for row, column in list(zip(*np.nonzero(partial), strict=True))[::7]:
-        origins, directions = view.rays(x0 + column + 0.5 + dx, y0 + row + 0.5 + dy)
+        _, directions = view.rays(x0 + column + 0.5 + dx, y0 + row + 0.5 + dy)
         eye, local = glass.to_local(view.eye), glass.direction_to_local(directions)
         traced = optics.trace(glass.description, eye, local, "TTTT").valid
         missed = optics.path_weights(glass.description, eye, local, ("",))[0][0] > 0.5

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
+import bmesh  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 from glass_refraction.reference.picture import render_picture  # noqa: E402

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one door: what a change costs, what stands afterwards, and that nothing of the user's moves."""
+"""The one door: what a change costs, what stands afterwards, what of the user's stays."""
 
 import bpy
 import numpy as np
@@ -50,7 +50,7 @@ def test_nothing_changed_solves_nothing():
 
 
 def test_a_moved_object_costs_its_own_solve_and_no_mask():
-    _, wall, _ = _scene()
+    _scene()
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.02, location=(0, 0.15, 0.06))
     ball = bpy.context.object
     _update()
@@ -160,7 +160,7 @@ def test_the_users_scene_gets_no_layer_collection_or_object():
 
 
 def test_sources_come_and_go():
-    scene, wall, _ = _scene()
+    scene, _, _ = _scene()
     bpy.ops.mesh.primitive_cube_add(size=0.02, location=(0, 0.2, 0.05))
     cube = bpy.context.object
     _update()
