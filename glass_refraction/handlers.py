@@ -4,7 +4,7 @@
 Blender reports a change in three ways: ``depsgraph_update_post`` (edits), ``frame_change_post``
 (animation, and every frame of a render) and the settings' own ``update=`` callbacks. Data-blocks
 may be made neither in the first two nor while a render runs in its own thread, so an edit only asks
-for :func:`_prepare_and_update`, which a timer runs once the event is over. In background mode no
+for :func:`_prepare`, which a timer runs once changes have come to rest. In background mode no
 timer runs; there a render prepares itself in ``render_init``, in the main thread.
 
 Nothing here calls an operator or evaluates a depsgraph: inside a handler that recurses.
@@ -20,39 +20,46 @@ from bpy.app.handlers import persistent
 from .scene import update as door
 from .scene.names import TAG, RefractiveGlassError, own
 
+REST_SECONDS = 0.3
+"""Changes come in bursts (a dragged object, a slider): wait for the last one."""
+
 _asked: set[int] = set()
 _rendering = False
 
 
 def request_update(scene: bpy.types.Scene | None) -> None:
-    """Ask for the scene to be prepared and updated once the present event is over."""
+    """Ask for the scene to be prepared once changes have come to rest."""
     if scene is None or bpy.app.background or own(scene):
         return
     _asked.add(scene.original.session_uid)
-    if not bpy.app.timers.is_registered(_serve):
-        bpy.app.timers.register(_serve, first_interval=0.0)
+    if bpy.app.timers.is_registered(_serve):
+        bpy.app.timers.unregister(_serve)
+    bpy.app.timers.register(_serve, first_interval=REST_SECONDS)
 
 
 def _serve() -> float | None:
-    """Timer: prepare and update the scenes that asked."""
+    """Timer: prepare the scenes that asked.
+
+    Nothing is solved here: a render does that for its own frame, and until one starts nobody looks.
+    """
     if _rendering:
-        return 0.5
+        return REST_SECONDS
     for scene in bpy.data.scenes:
         if scene.session_uid in _asked:
-            _prepare_and_update(scene)
+            _prepare(scene)
     _asked.clear()
     return None
 
 
-def _prepare_and_update(scene: bpy.types.Scene) -> None:
-    """Bring a scene up to date; what is wrong with it ends in its status, for the panel."""
+def _prepare(scene: bpy.types.Scene) -> None:
+    """Prepare a scene; what is wrong with it ends in its status, for the panel."""
     depsgraph = scene.view_layers[0].depsgraph
     if depsgraph is None:
         return
     try:
         door.prepare(scene, depsgraph)
-        door.update(scene, depsgraph)
     except RefractiveGlassError as error:
+        door.remove(scene)
         door.status(scene).problems = [str(error)]
 
 
@@ -92,15 +99,9 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
     _rendering = True
     if threading.current_thread() is not threading.main_thread() or own(scene):
         return
-    depsgraph = scene.view_layers[0].depsgraph
-    if depsgraph is None:
-        return
-    try:
-        door.prepare(scene, depsgraph)
-    except RefractiveGlassError as error:
-        door.remove(scene)
-        door.status(scene).problems = [str(error)]
-        print(f"Refractive Glass: {error}")
+    _prepare(scene)
+    for problem in door.status(scene).problems:
+        print(f"Refractive Glass: {problem}")
 
 
 @persistent

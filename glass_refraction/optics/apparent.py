@@ -112,7 +112,7 @@ MAIN = (1, 0, 0, 0)
 CELLS = 12
 """Cells along a curve that may meet caustics."""
 
-MISS = 1e-9
+MISS = 1e-10
 """Residual in parts of the distance beyond which a ray does not count as passing a point."""
 
 
@@ -140,8 +140,9 @@ class Slots:
     def put(self, key, where, unknowns, targets, found) -> NDArray[np.bool_]:
         """Write images of the points `where` (slice or indices); returns which rays pass them."""
         slot = self.slot(key)
+        miss = self.tolerance if self.tolerance > 1e-8 else MISS
         passes, valid = self.passage.image(
-            unknowns, targets, self.points[where], max(MISS, self.tolerance), slot.part(where)
+            unknowns, targets, self.points[where], miss, slot.part(where)
         )
         slot.valid[where] = valid & found & self.inside[where]
         return passes
@@ -164,8 +165,9 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
     """
     passage, tolerance = slots.passage, slots.tolerance
     slots.slot(MAIN)
-    # Newton squares the error: the step that follows one this small is far below the tolerance.
-    small = 0.3 * tolerance**0.5 if tolerance > 1e-8 else 1e-7
+    # Newton squares the error: the step that follows one this small is far below the tolerance,
+    # even near the edge of a domain, where the square is multiplied by 10⁵ and more.
+    small = 0.3 * tolerance**0.5 if tolerance > 1e-8 else 1e-9
     left, most = [], []
 
     def work(block: slice) -> None:
@@ -267,10 +269,14 @@ def _images(passage, legs, targets) -> dict[tuple, tuple]:
     keep = ~(again & near)
     keys = np.concatenate([names[:3], copy[None]])[:, keep]
     index, ell, zeta, side = names[3][keep], ell[keep], zeta[keep], side[keep]
+    # All sheets in one number each: sorting numbers is fast, sorting columns is not.
+    low = keys.min(axis=1, initial=0)
+    sizes = keys.max(axis=1, initial=0) - low + 1
+    code = np.ravel_multi_index(tuple(keys - low[:, None]), tuple(sizes))
     sheets = {}
-    for key in np.unique(keys, axis=1).T:
-        some = np.flatnonzero((keys == key[:, None]).all(axis=0))
-        name = tuple(int(number) for number in key)
+    for number in np.unique(code):
+        some = np.flatnonzero(code == number)
+        name = tuple(int(part) for part in keys[:, some[0]])
         sheets[name] = index[some], ell[some], zeta[some], side[some]
     return sheets
 

@@ -276,14 +276,18 @@ class CoaxialPassage:
                 least = np.minimum(value, least)
         return least, at
 
-    def taken(self, ell, zeta) -> NDArray[np.bool_]:
-        """Which rays take the whole branch."""
+    def taken(self, ell, zeta, sure=False) -> NDArray[np.bool_]:
+        """Which rays take the whole branch; with `sure`, whatever rounding does to them."""
         ell2, zeta2 = ell * ell, zeta * zeta
         inside = zeta2 < self.domain.zeta_max**2
+        near = far = 1.0
+        if sure:
+            margin = 2.0 * ROUNDING * max(1.0, self.eye_ior * (self.frame.eye_radius or 0.0))
+            near, far = 1.0 - 2.0 * margin, 1.0 + 2.0 * margin
         for n2, r2 in self.domain.upper:
-            inside &= ell2 < (n2 - zeta2) * r2
+            inside &= ell2 < (n2 - zeta2) * (r2 * near)
         for n2, r2 in self.domain.lower:
-            inside &= ell2 >= (n2 - zeta2) * r2
+            inside &= ell2 >= (n2 - zeta2) * (r2 * far)
         return inside
 
     # ---- rays ---------------------------------------------------------------------------
@@ -617,13 +621,34 @@ class CoaxialPassage:
             self._write_parallel(ell, zeta, line, along, z, length, residual, points, view)
         else:
             self._write_perspective(ell, zeta, length, residual, points, view)
-        valid = self.taken(ell, zeta) & passes
+        if miss <= SHARP:
+            self._resolved(ell, zeta, targets, length, passes)
+        valid = self.taken(ell, zeta, sure=miss <= SHARP) & passes
         if self.extent is not None:
             start = 0.0 if frame.eye is None else float(frame.eye[2])
             low, high = (end / scale - start for end in self.extent)
             for level in self.crossings(ell, zeta, x, y, z):
                 valid &= (level >= low) & (level <= high)
         return passes, valid
+
+    def _resolved(self, ell, zeta, targets, length, passes) -> None:
+        """Unset `passes` where float64 cannot tell a direction that meets the target.
+
+        Near the edge of the domain the line turns by ∂ψ/∂ℓ ~ 1/w: there the last digit of the
+        direction at the eye moves the far end of the ray by more than `RESOLVED`.
+        """
+        upper2, _ = self.upper_limit(zeta * zeta)
+        close = np.flatnonzero(passes & (upper2 - ell * ell < 1e-9 * upper2))
+        if not len(close):
+            return
+        line = self.follow(ell[close], zeta[close])
+        along, _ = line.along(*(target[close] for target in targets[:2]))
+        slope = np.abs(1.0 / line.momentum - line.turn_ell * along)
+        digit = ROUNDING * self.eye_ior * max(1.0, self.frame.eye_radius or 0.0)
+        reach = np.maximum(length[close], 1e-3)
+        if self.frame.eye_radius is None:
+            reach = 1.0
+        passes[close] = slope * digit <= RESOLVED * reach
 
     def _basis(self, points):
         """Components of the frame's x and y axes: numbers, or (N,) arrays for spheres."""
@@ -682,6 +707,16 @@ MOMENTS = np.unique(np.concatenate([np.arange(6), np.geomspace(6, 1e8, 26).round
 
 COARSE = 5e-6
 """Tolerance in radians above which float32 will do to the end."""
+
+SHARP = 1e-8
+"""Tolerance in radians below which images are held to what float64 can resolve."""
+
+RESOLVED = 1e-10
+"""Angle in radians, below 1e-6 px at a focal length of 2400 px, that the last digit of a direction
+may move the point it meets."""
+
+ROUNDING = 3e-16
+"""What rounding does to the components of a direction."""
 
 FAR = 100.0
 """Outer radii beyond which distance no longer excuses an error."""

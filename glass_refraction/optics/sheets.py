@@ -305,6 +305,9 @@ class Leg:
         self.curves = curves
         count = len(curves.radius)
         taus = np.linspace(0.0, EDGE, cells + 1)
+        if cells > 1 and curves.free and curves.corner().any():
+            # Where two limits of the domain cross, F may turn round very close to its edge.
+            taus = np.concatenate([taus[:-1], EDGE - (EDGE / cells) * NEAR_EDGE, taus[-1:]])
         tangent, state = curves.climb(taus[:, None], curves.start(taus[:, None]), 1e-7, 30)
         slope = np.array(state.slope(curves.free))
         self.last_turn, self.last_tangent = state.turn[-1], tangent[-1]
@@ -556,6 +559,9 @@ def rank_of(piece, mirror):
     """Number of a piece among those of its orientation: the middle one, then left, right, …"""
     return np.where(piece > 0, piece - 1 + (mirror > 0.0), 0)
 
+
+NEAR_EDGE = np.array([0.3, 0.1, 0.03, 0.01, 0.003])
+"""Places within the last cell, in parts of it, that get cells of their own near a corner."""
 
 ROUNDING = 1e-32
 """Floor of sin²((π/2 − τ)/2): the edge of the domain to float64."""

@@ -91,6 +91,7 @@ def path_regions(
     *,
     fresnel: bool = True,
     exact: bool = False,
+    smooth: bool = True,
 ) -> Regions:
     """The weights of ``paths`` for every pixel that the glass can cover.
 
@@ -98,6 +99,7 @@ def path_regions(
     ----------
     fresnel : weigh by Fresnel's equations, as a glass surface; else as a surface that only
         refracts: 1 where the ray takes the path, and nothing along paths with a reflection.
+    smooth : anti-alias where a region ends; else every pixel is what its centre's ray says.
     exact : find ``inside`` too (else it is all False): the weights do not need it.
     """
     rect = picture_rect(glass, view)
@@ -115,12 +117,13 @@ def path_regions(
     if exact and taken.size:
         inside = rays.bounded(x.ravel(), y.ravel()).reshape(taken.shape)
         inside &= ~_border(inside)
-    rows, columns = np.nonzero(border)
-    edge_weights, edge_cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
-    weights[:, rows, columns] = edge_weights
-    known = hit.copy()
-    known[rows, columns] = edge_cover > 0
-    _spread(weights, known)
+    if smooth:
+        rows, columns = np.nonzero(border)
+        edge_weights, edge_cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
+        weights[:, rows, columns] = edge_weights
+        known = hit.copy()
+        known[rows, columns] = edge_cover > 0
+        _spread(weights, known)
     return Regions(rect, paths, weights.astype(np.float32), inside, hit)
 
 

@@ -239,7 +239,7 @@ def _kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath,
         glass.description, view.eye_for(glass), min_weight=settings.min_weight
     )
     coarse = replace(view, size=tuple(max(1, n // PATH_SEARCH_STEP) for n in view.size))
-    found = path_regions(glass, coarse, paths, fresnel=fresnel)
+    found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
     mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
     kept = tuple(p for p, share in zip(paths, mean, strict=True) if share >= settings.min_weight)
     memory_of(scene).paths[glass.name] = (stamp, kept)

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from rays import false_images
+from rays import seen_points, segments
 
 from glass_refraction import optics
 
@@ -291,3 +291,36 @@ def test_parallel_views_along_and_across_the_axis():
         for glass, path in ((HOLLOW, "TTTT"), (FILLED, "TTTT"), (BALL, "TT"), (SLAB, "TT")):
             proper(optics.apparent_points(glass, path, view, cloud()))
             optics.light_paths(glass, view)
+
+
+@pytest.mark.parametrize("path", ["TTTT", "TRT", "TTRTT", "TTTRTTT"])
+def test_rays_that_graze_an_interface(path):
+    """Points met by rays within 1e-10 to 1e-2 of grazing: what is shown is right to 1e-6 px.
+
+    Nearer than about 1e-6 the last digit of the direction decides where the ray ends: such an
+    image is not shown, though it keeps its position.
+    """
+    rng = np.random.default_rng([4, len(path)])
+    shown = 0
+    for wall, core, far in ((1.24, 1.0, 1.05), (2.3, 1.333, 3.4), (1.7, 1.0, 90.0)):
+        glass = optics.CylinderGlass((1.0, 0.8), (wall, core))
+        eye = np.array([far, 0.0, 0.1])
+        limit = min(1.0, 0.8 * core, 0.8 * wall)
+        grazing = 10.0 ** rng.uniform(-10.0, -2.0, 100)
+        impact = limit * np.sqrt(1.0 - grazing**2) * rng.choice([-1.0, 1.0], 100)
+        if path == "TRT":
+            impact = limit * np.sqrt(1.0 + grazing**2)
+        sine = np.minimum(impact / far, 1.0)
+        aims = np.stack([-np.sqrt(1.0 - sine**2), sine, np.zeros(100)], axis=1)
+        for stretch in range(1, len(path) + 1):
+            points, _ = seen_points(rng, glass, eye, aims, path, stretch)
+            apparent = optics.apparent_points(glass, path, eye, points)
+            for slot, at in enumerate(apparent.stretch):
+                seen = np.flatnonzero(apparent.valid[slot])
+                taken, pieces = segments(glass, eye, apparent.direction[slot, seen], path)
+                assert len(taken) == len(seen)
+                origin, direction, *_ = pieces[at]
+                miss = np.linalg.norm(np.cross(points[seen] - origin, direction), axis=1)
+                assert (miss <= 4e-10 * apparent.distance[slot, seen]).all()
+                shown += len(seen)
+    assert shown > 100
