@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from rays import seen_points, segments
+from rays import false_images, seen_points, segments
 
 from glass_refraction import optics
 
