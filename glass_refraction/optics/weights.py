@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .glasses import CylinderGlass, FlatGlass, Glass
 from .paths import LightPath, ParallelView, as_eye, as_path
+from .radial import RadialWeights
 from .solver import in_blocks
 from .tracing import Bundle, advance, meet, reflectance, start
 
@@ -48,8 +49,16 @@ def path_weights(
     origins = np.broadcast_to(np.asarray(eye, dtype=float), (total, 3))
     row = {name: number for number, name in enumerate(dict.fromkeys(events))}
     found = np.zeros((len(row), total))
+    radial = _radial(glass, np.asarray(eye, dtype=float), row)
 
     def work(block: slice) -> None:
+        if radial is not None:
+            here = origins[0] if np.ndim(eye) == 1 else origins[block]
+            parts = radial.weights(here, directions[block])
+            if parts is not None:
+                for name, which, weight in parts:
+                    found[row[name], block][which] = weight
+                return
         rays, proper = start(glass, origins[block], directions[block])
         index = np.flatnonzero(proper)
         for name, which, weight in _follow(glass, rays.take(index), row):
@@ -58,6 +67,14 @@ def path_weights(
     in_blocks(work, total)
     rest = np.clip(1.0 - found.sum(axis=0), 0.0, 1.0)
     return found[[row[name] for name in events]].reshape(len(events), total), rest
+
+
+def _radial(glass: Glass, eye: Floats, wanted: Iterable[str]) -> RadialWeights | None:
+    """The closed form, for coaxial glasses and rays that all start in one medium."""
+    if isinstance(glass, FlatGlass) or not eye.size or not np.isfinite(eye).all():
+        return None
+    media = np.unique(glass.medium_at(eye))
+    return RadialWeights(glass, int(media[0]), wanted) if len(media) == 1 else None
 
 
 def _follow(glass: Glass, rays: Bundle, wanted: Iterable[str]):
