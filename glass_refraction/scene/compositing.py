@@ -15,6 +15,7 @@ from .arrays import write_image
 from .layers import DEPTH_LAYER, ENVIRONMENT_LAYER, Layers, Pane
 from .names import TAG, hidden_name, own
 from .regions import Regions
+from .viewpoint import Viewpoint
 
 CHANNELS = 3
 """Weights kept in one image: its colour channels. (Alpha would be multiplied into them.)"""
@@ -89,14 +90,15 @@ def has_group(scene: bpy.types.Scene) -> bool:
 
 
 def write_weights(
-    scene: bpy.types.Scene, pane: Pane, regions: Regions, size: tuple[int, int], fresnel: bool
+    scene: bpy.types.Scene, pane: Pane, regions: Regions, view: Viewpoint, fresnel: bool
 ) -> None:
     """Write a glass's path weights into the images that the node group reads."""
-    weights = regions.full(regions.weights, size)
+    x0, y0, x1, y1 = view.window
+    weights = regions.full(regions.weights, view.size)[:, y0:y1, x0:x1]
     rest = np.clip(1.0 - weights.sum(axis=0), 0.0, 1.0) if fresnel else np.zeros(weights.shape[1:])
     planes = [*weights, rest]
     for number in range(0, len(planes), CHANNELS):
-        pixels = np.ones((size[1], size[0], 4), np.float32)
+        pixels = np.ones((y1 - y0, x1 - x0, 4), np.float32)
         for channel, plane in enumerate(planes[number : number + CHANNELS]):
             pixels[..., channel] = plane
         write_image(weight_image(scene, pane, number // CHANNELS), pixels)

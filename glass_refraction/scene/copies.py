@@ -171,7 +171,7 @@ def _slot_values(points, images: Images, slots, triangles: Triangles, view: View
     """Places (S N, 3), seen flags (S N,) and lookups (S N, 4) of the used slots, one by one."""
     where = images.position[slots].reshape(-1, 3)
     seen = np.stack([_seen(images, slot, triangles, view) for slot in slots])
-    return where, seen.reshape(-1), np.tile(view.clip(points), (len(slots), 1))
+    return where, seen.reshape(-1), np.tile(view.lookup(points), (len(slots), 1))
 
 
 def _seen(images: Images, slot: int, triangles: Triangles, view: Viewpoint) -> np.ndarray:

@@ -238,7 +238,8 @@ def _kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath,
     paths = optics.light_paths(
         glass.description, view.eye_for(glass), min_weight=settings.min_weight
     )
-    coarse = replace(view, size=tuple(max(1, n // PATH_SEARCH_STEP) for n in view.size))
+    size = tuple(max(1, n // PATH_SEARCH_STEP) for n in view.size)
+    coarse = replace(view, size=size, window=(0, 0, *size))
     found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
     mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
     kept = tuple(p for p, share in zip(paths, mean, strict=True) if share >= settings.min_weight)
@@ -276,7 +277,7 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
     regions = path_regions(glass, view, pane.paths, fresnel=fresnel)
     counters["masks"] += 1
     counters["mask_pixels"] += regions.hit.size
-    write_weights(scene, pane, regions, view.size, fresnel)
+    write_weights(scene, pane, regions, view, fresnel)
     _write_hull(layers.hull(pane.glass.name), glass, view)
     memory.regions[pane.glass.name] = (stamp, regions)
     return regions

@@ -22,7 +22,9 @@ class Viewpoint:
     eye : (3,) world position of the camera.
     to_camera : (4, 4) float64, rigid: world to camera space (looking along -z).
     projection : (4, 4) float64: camera space to normalised device coordinates.
-    size : (width, height) of the picture in pixels.
+    size : (width, height) of the whole frame in pixels.
+    window : (x0, y0, x1, y1), half open: the pixels that the picture holds; less than the frame
+        where only a border is rendered and the picture is cropped to it.
     is_parallel : orthographic camera.
     """
 
@@ -30,11 +32,18 @@ class Viewpoint:
     to_camera: np.ndarray
     projection: np.ndarray
     size: tuple[int, int]
+    window: tuple[int, int, int, int]
     is_parallel: bool
 
     def stamp(self) -> tuple:
         """What pictures depend on."""
-        return (self.to_camera.tobytes(), self.projection.tobytes(), self.size, self.is_parallel)
+        return (
+            self.to_camera.tobytes(),
+            self.projection.tobytes(),
+            self.size,
+            self.window,
+            self.is_parallel,
+        )
 
     @property
     def forward(self) -> np.ndarray:
@@ -67,6 +76,15 @@ class Viewpoint:
         return np.stack(
             (0.5 * (homogeneous[:, 0] + w), 0.5 * (homogeneous[:, 1] + w), w, depth), axis=1
         )
+
+    def lookup(self, points: np.ndarray) -> np.ndarray:
+        """The same as :meth:`clip`, over the window in place of the whole frame."""
+        found = self.clip(points)
+        w = found[:, 2]
+        for axis in range(2):
+            low, high = self.window[axis], self.window[axis + 2]
+            found[:, axis] = (found[:, axis] * self.size[axis] - low * w) / (high - low)
+        return found
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Pixel coordinates (N, 2) of world points in front of the camera, from the lower left."""
@@ -137,7 +155,23 @@ def read_viewpoint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Vi
     to_camera = np.eye(4)
     to_camera[:3, :3] = rotation
     to_camera[:3, 3] = -rotation @ eye
-    return Viewpoint(eye, to_camera, projection, size, data.type == "ORTHO")
+    window = render_window(scene)
+    return Viewpoint(eye, to_camera, projection, size, window, data.type == "ORTHO")
+
+
+def render_window(scene: bpy.types.Scene) -> tuple[int, int, int, int]:
+    """The pixels of the frame that the rendered picture holds: (x0, y0, x1, y1), half open."""
+    width, height = render_size(scene)
+    render = scene.render
+    if not (render.use_border and render.use_crop_to_border):
+        return (0, 0, width, height)
+    # Rounded as Blender does when a render starts.
+    return (
+        int(render.border_min_x * width),
+        int(render.border_min_y * height),
+        int(render.border_max_x * width),
+        int(render.border_max_y * height),
+    )
 
 
 def render_size(scene: bpy.types.Scene) -> tuple[int, int]:

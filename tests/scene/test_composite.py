@@ -155,3 +155,25 @@ def test_a_transparent_film_stays_transparent_behind_the_glass(tmp_path):
     alpha = found[inside][:, 3]
     assert alpha.min() < 0.01
     assert alpha.max() > 0.99
+
+
+@pytest.mark.parametrize("crop", [False, True])
+@pytest.mark.parametrize("shading", ["DISPLACED", "TRUE"])
+def test_a_border_shows_its_part_of_the_whole_picture(tmp_path, crop, shading):
+    scenes.camera(lens=120.0)
+    scenes.striped_wall()
+    scene = scenes.settings(100, 80, samples=1, surface="REFRACTION", shading=shading)
+    scene.cycles.filter_width = 0.01
+    scenes.glass(shape="CYLINDER")
+    whole = scenes.picture(scene, tmp_path, "whole")
+    render = scene.render
+    render.use_border, render.use_crop_to_border = True, crop
+    render.border_min_x, render.border_max_x = 0.2, 0.6
+    render.border_min_y, render.border_max_y = 0.3, 0.9
+    part = scenes.picture(scene, tmp_path, "part")
+    assert part.shape[:2] == ((48, 40) if crop else (80, 100))
+    if not crop:
+        part = part[24:72, 20:60]
+    # Near the border a lookup's spline has fewer pixels to go by.
+    off = np.abs(part - whole[24:72, 20:60]).max(axis=2)[10:-10, 10:-10]
+    assert np.quantile(off, 0.97) < 0.05
