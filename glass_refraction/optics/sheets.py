@@ -75,6 +75,14 @@ class Curves:
             return np.full(len(self.radius), self.known)
         return self.zeta_max * tangent / np.sqrt(1.0 + tangent * tangent)
 
+    def _terms(self, r2: Floats) -> list[tuple]:
+        """Squared radii and counts of all terms, the target's included, by index."""
+        terms: dict[float, list] = {}
+        for term in self.passage.terms:
+            terms.setdefault(term.ior, []).append((term.radius * term.radius, term.count))
+        terms.setdefault(self.passage.ior, []).append((r2, -self.side))
+        return list(terms.items())
+
     def state(self, tau: Floats, tangent: Floats, turning: bool = True) -> State:
         """F, Z and derivatives at τ and ζ, (n,) or (k, n); without F unless `turning`."""
         passage = self.passage
@@ -91,23 +99,54 @@ class Curves:
         ell = upper * sine
         below = upper2 * cosine2  # upper² − ℓ²
         at_edge = upper_r2 / upper2  # 1 / P² of the limiting term
+        within = upper_r2 * cosine2
+        within -= upper_r2
         turn = way = spread = twist = lift = way_zeta = 0.0
-        for ior, radius2, count in (
-            *((t.ior, t.radius * t.radius, t.count) for t in passage.terms),
-            (passage.ior, r2, -self.side),
-        ):
+        odd = {}  # for each count the direction cosines of a term that awaits another
+        for ior, terms in self._terms(r2):
             p2 = ior * ior - zeta2
-            w = np.sqrt(np.maximum(p2 * radius2 - upper2, 0.0) + below)
-            inverse, per = count / w, 1.0 / p2
+            per = 1.0 / p2
+            inverses = ways = falls = 0.0
+            for radius2, count in terms:
+                room = p2 * radius2
+                room -= upper2
+                np.maximum(room, 0.0, out=room)
+                w = room + below
+                np.sqrt(w, out=w)
+                inverse = count / w
+                falls = falls + (within + radius2) * inverse
+                if turning:
+                    inverses = inverses + inverse
+                    # Two angles at once: the argument of a product.
+                    size = abs(count)
+                    if size in odd:
+                        other, side = odd.pop(size)
+                        same = side * count > 0
+                        product = w * other
+                        cross = ell * ell
+                        real = product - cross if same else product + cross
+                        imag = other + w if same else w - other
+                        imag *= ell
+                        angle = np.arctan2(imag, real)
+                        angle *= side * size
+                        turn = turn + angle
+                    else:
+                        odd[size] = w, (1 if count > 0 else -1)
+                w_counted = w * count
+                ways = ways + w_counted
+            ways = ways * per
+            way = way - ways
             if turning:
-                turn = turn + count * np.arctan2(ell, w)
-                spread = spread + inverse
-                twist = twist + (per - at_edge) * inverse
-                lift = lift + per * inverse
-            part = count * w * per
-            way = way - part
-            fall = (radius2 - upper_r2 + upper_r2 * cosine2) * inverse
-            way_zeta = way_zeta - part - zeta2 * per * (2.0 * part - fall)
+                spread = spread + inverses
+                twist = twist + (per - at_edge) * inverses
+                lift = lift + per * inverses
+            falls *= -1.0
+            falls += 2.0 * ways
+            falls *= zeta2 * per
+            falls += ways
+            way_zeta = way_zeta - falls
+        for size, (w, side) in odd.items():
+            turn = turn + side * size * np.arctan2(ell, w)
         ell_tau = upper * np.sqrt(cosine2)
         return State(
             ell,
@@ -172,26 +211,61 @@ class Curves:
         result[some] = (here.height < top + room) & (here.height > bottom - 2.0 * room)
         return result
 
+    def lean(self, tangent: Floats, state: State) -> Floats:
+        """Change of the tangent with τ along the curve, 0 where it would lead far."""
+        if not self.free:
+            return np.zeros(len(tangent))
+        square = 1.0 + tangent * tangent
+        slope = state.height_zeta * self.zeta_max / (square * np.sqrt(square))
+        steep = np.abs(slope) <= 1e-3 * np.abs(state.height_tau)
+        lean = -state.height_tau / np.where(steep, 1.0, slope)
+        return np.where(steep | (tangent > 10.0), 0.0, lean)
+
     def climb(self, tau: Floats, tangent: Floats, small: float, most: int) -> tuple[Floats, State]:
         """The tangent at which rays with this τ reach the target's height.
 
         Newton's steps, halved back into a bracket; the height grows with ζ along τ.
         """
-        low, high = 0.0, np.inf
-        for _ in range(most if self.free else 0):
-            state = self.state(tau, tangent, turning=False)
-            miss = state.height - self.height
-            low = np.where(miss < 0.0, np.maximum(low, tangent), low)
-            high = np.where(miss > 0.0, np.minimum(high, tangent), high)
-            root = np.sqrt(1.0 + tangent * tangent)
-            slope = state.height_zeta * self.zeta_max / (root * root * root)
-            new = tangent - miss / np.where(np.abs(slope) > FLOOR, slope, FLOOR)
+        if not self.free:
+            return tangent, self.state(tau, tangent)
+        curves, low, high, index = self, 0.0, np.inf, None
+        place, moving = tau, np.ones(1, dtype=bool)
+        here = tangent
+        for _ in range(most):
+            state = curves.state(place, here, turning=False)
+            miss = state.height - curves.height
+            low = np.where(miss < 0.0, np.maximum(low, here), low)
+            high = np.where(miss > 0.0, np.minimum(high, here), high)
+            square = 1.0 + here * here
+            slope = state.height_zeta * self.zeta_max / (square * np.sqrt(square))
+            new = here - miss / np.where(np.abs(slope) > FLOOR, slope, FLOOR)
             middle = np.where(high < STEEP, 0.5 * (low + high), 2.0 * low + 1.0)
             new = np.minimum(np.where((new >= low) & (new <= high), new, middle), STEEP)
-            change = np.abs(new - tangent) > small * (1.0 + tangent)
-            tangent = np.where(change, new, tangent)
-            if not change.any():
-                break
+            # Every element takes one step that follows a small one, and stops: none depends on
+            # its neighbours.
+            change = np.abs(new - here) > small * (1.0 + here)
+            here = np.where(moving, new, here)
+            moving = moving & change
+            count = np.count_nonzero(moving)
+            if not count or count < 0.6 * moving.size:
+                if index is None:
+                    tangent = here
+                else:
+                    tangent.ravel()[index] = here
+                if not count:
+                    break
+                # Go on with those that still move.
+                some = np.flatnonzero(moving)
+                place = np.broadcast_to(place, moving.shape).ravel()[some]
+                curves = curves.take(some % len(curves.radius))
+                index = some if index is None else index[some]
+                here, low, high = (part.ravel()[some] for part in (here, low, high))
+                moving = np.ones(count, dtype=bool)
+        else:
+            if index is None:
+                tangent = here
+            else:
+                tangent.ravel()[index] = here
         return tangent, self.state(tau, tangent)
 
 
@@ -308,7 +382,7 @@ class Leg:
         if cells > 1 and curves.free and curves.corner().any():
             # Where two limits of the domain cross, F may turn round very close to its edge.
             taus = np.concatenate([taus[:-1], EDGE - (EDGE / cells) * NEAR_EDGE, taus[-1:]])
-        tangent, state = curves.climb(taus[:, None], curves.start(taus[:, None]), 1e-7, 30)
+        tangent, state = curves.climb(taus[:, None], curves.start(taus[:, None]), 1e-5, 30)
         slope = np.array(state.slope(curves.free))
         self.last_turn, self.last_tangent = state.turn[-1], tangent[-1]
         self.first_tangent = tangent[0]
@@ -339,7 +413,7 @@ class Leg:
         neighbour = np.where(shift > 0.0, where + 1, where - 1)
         new_tau = tau[where] + np.abs(shift) * (tau[neighbour] - tau[where])
         curves = self.curves.take(index[where])
-        new_tangent, state = curves.climb(new_tau, tangent[where], 1e-7, 30)
+        new_tangent, state = curves.climb(new_tau, tangent[where], 1e-5, 30)
         before = np.where(shift > 0.0, where + 1, where)
         fields = (index[where], new_tau, new_tangent, state.turn, state.slope(curves.free))
         return tuple(
@@ -356,6 +430,7 @@ class Leg:
             self.curves.take(index[cut]),
             *(np.stack([part[cut], part[cut + 1]]) for part in (tau, slope)),
             tangent[cut],
+            self._foreseen(index, tau, slope, cut),
         )
         # After a cut the slope that counts is that of the next end.
         index, tau, tangent, turn, rising = (
@@ -392,21 +467,62 @@ class Leg:
         self.ends_tangent[place] = tangent[turned]
 
     @staticmethod
-    def _turning(curves: Curves, taus, slopes, tangent):
+    def _foreseen(index, tau, slope, cut) -> Floats:
+        """Where the slope will be 0: the cubic for τ through the four slopes round a cut."""
+        around = cut + np.arange(-1, 3)[:, None]
+        last = len(index) - 1
+        inside = np.clip(around, 0, last)
+        whole = ((inside == around) & (index[inside] == index[cut])).all(axis=0)
+        slopes, taus = slope[inside], tau[inside]
+        whole &= (np.diff(slopes, axis=0) > 0.0).all(axis=0) | (np.diff(slopes, axis=0) < 0.0).all(
+            axis=0
+        )
+        result = np.zeros(len(cut))
+        for one in range(4):
+            part = taus[one]
+            for other in range(4):
+                if other != one:
+                    apart = np.where(whole, slopes[one] - slopes[other], 1.0)
+                    part = part * (-slopes[other] / apart)
+            result = result + part
+        return np.where(whole, result, np.nan)
+
+    @staticmethod
+    def _turning(curves: Curves, taus, slopes, tangent, first):
         """τ, tangent and F where the slope of F changes its sign within a part."""
         low, high = taus
         slope_low, slope_high = slopes
         tau = turn = low
+        before, lean = tau, np.zeros(len(low))
         index = np.arange(len(low))
         result = [np.array(part) for part in (low, tangent, low)]
-        for _ in range(60):
+        last_tau, last_slope, here = low, slope_low, slope_low
+        tau = first
+        for number in range(60):
             if not len(index):
                 break
-            # Illinois: a secant that halves the weight of an end that stays.
-            tau = (low * slope_high - high * slope_low) / (slope_high - slope_low)
+            # A secant through the last two places (first: the place foreseen), or Illinois: a
+            # secant that halves the weight of an end that stays.
+            between = (low * slope_high - high * slope_low) / (slope_high - slope_low)
+            if 1 < number < 8:
+                rise = here - last_slope
+                flat = rise == 0.0
+                tau, last_tau, last_slope = (
+                    before - here * (before - last_tau) / np.where(flat, 1.0, rise),
+                    before,
+                    here,
+                )
+                tau = np.where(flat, between, tau)
+            elif number:
+                tau = between
+                last_tau, last_slope = before, here
+            tau = np.where((tau > low) & (tau < high), tau, between)
             tau = np.where((tau > low) & (tau < high), tau, 0.5 * (low + high))
-            tangent, state = curves.climb(tau, tangent, 1e-10, 30)
+            tangent, state = curves.climb(
+                tau, np.maximum(tangent + lean * (tau - before), 0.0), 1e-6, 30
+            )
             turn, here = state.turn, state.slope(curves.free)
+            before, lean = tau, curves.lean(tangent, state)
             for old, new in zip(result, (tau, tangent, turn), strict=True):
                 old[index] = new
             left = (here > 0.0) == (slope_low > 0.0)
@@ -418,8 +534,11 @@ class Leg:
             going = np.flatnonzero(np.minimum(high - low, np.abs(here)) > 1e-9)
             if len(going) < len(index):
                 index, curves = index[going], curves.take(going)
-                low, high, slope_low, slope_high, tangent = (
-                    part[going] for part in (low, high, slope_low, slope_high, tangent)
+                low, high, slope_low, slope_high, here = (
+                    part[going] for part in (low, high, slope_low, slope_high, here)
+                )
+                tangent, before, lean, last_tau, last_slope = (
+                    part[going] for part in (tangent, before, lean, last_tau, last_slope)
                 )
         return result
 
