@@ -270,7 +270,7 @@ class CoaxialPassage:
         ):
             value = (n2 - zeta2) * r2
             if least is None:
-                least, at = value, np.broadcast_to(r2, zeta2.shape)
+                least, at = value, r2
             else:
                 at = np.where(value < least, r2, at)
                 least = np.minimum(value, least)

@@ -61,6 +61,12 @@ class Curves:
         self.free = passage.frame.zeta is None
         self.known = None if self.free else abs(passage.frame.zeta)
         self.zeta_max = passage.zeta_max
+        # Squared radii and counts of all terms by index; None stands for the target's radius.
+        terms: dict[float, list] = {}
+        for term in passage.terms:
+            terms.setdefault(term.ior, []).append((term.radius * term.radius, term.count))
+        terms.setdefault(passage.ior, []).append((None, -side))
+        self.terms = tuple(terms.items())
 
     def take(self, which) -> Curves:
         part = object.__new__(Curves)
@@ -74,14 +80,6 @@ class Curves:
         if not self.free:
             return np.full(len(self.radius), self.known)
         return self.zeta_max * tangent / np.sqrt(1.0 + tangent * tangent)
-
-    def _terms(self, r2: Floats) -> list[tuple]:
-        """Squared radii and counts of all terms, the target's included, by index."""
-        terms: dict[float, list] = {}
-        for term in self.passage.terms:
-            terms.setdefault(term.ior, []).append((term.radius * term.radius, term.count))
-        terms.setdefault(self.passage.ior, []).append((r2, -self.side))
-        return list(terms.items())
 
     def state(self, tau: Floats, tangent: Floats, turning: bool = True) -> State:
         """F, Z and derivatives at τ and ζ, (n,) or (k, n); without F unless `turning`."""
@@ -103,11 +101,13 @@ class Curves:
         within -= upper_r2
         turn = way = spread = twist = lift = way_zeta = 0.0
         odd = {}  # for each count the direction cosines of a term that awaits another
-        for ior, terms in self._terms(r2):
+        for ior, terms in self.terms:
             p2 = ior * ior - zeta2
             per = 1.0 / p2
             inverses = ways = falls = 0.0
             for radius2, count in terms:
+                if radius2 is None:
+                    radius2 = r2
                 room = p2 * radius2
                 room -= upper2
                 np.maximum(room, 0.0, out=room)
