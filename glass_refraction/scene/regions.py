@@ -153,7 +153,27 @@ class _Rays:
         """(P, M) whether the path is taken with every face met within its extent."""
         eye, directions = self._local(x, y)
         found, _ = optics.path_weights(self.glass.description, eye, directions, self.paths)
-        return found > 0
+        return (found > 0) & ~self._leaves_sideways(eye, directions)
+
+    def _leaves_sideways(self, eye: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """(M,) rays that enter and leave a slab by its faces but pass its notches between them."""
+        description = self.glass.description
+        outline = getattr(description, "outline", None)
+        if outline is None:
+            return np.zeros(len(directions), bool)
+        eye = np.broadcast_to(eye, directions.shape)
+        height = np.where(directions[:, 2] < 0, 0.0, -sum(description.thickness))
+        down = np.where(directions[:, 2] == 0, 1.0, directions[:, 2])
+        a = eye[:, :2] + ((height - eye[:, 2]) / down)[:, None] * directions[:, :2]
+        # Layers bend the way between; straight from face to face is near enough for a notch.
+        leave = optics.trace(description, eye, directions, "T" * (len(description.ior) + 1))
+        b = np.where(leave.valid[:, None], leave.origin[:, :2], a)
+        crossed = np.zeros(len(a), bool)
+        corners = np.asarray(outline, float)
+        for p, q in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            sides = _turn(a, b, p) * _turn(a, b, q)
+            crossed |= (sides < 0) & (_turn(p, q, a) * _turn(p, q, b) < 0)
+        return crossed
 
     def _local(self, x, y):
         origins, directions = self.view.rays(x, y)
@@ -164,15 +184,20 @@ class _Rays:
         """Means over the pixel filter of the rays that meet the glass (P, M); their share (M,)."""
         offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
         window = blackman_harris(offsets)
-        total = np.zeros((len(self.paths), len(x)))
-        cover = np.zeros(len(x))
-        for dy, wy in zip(offsets, window, strict=True):
-            for dx, wx in zip(offsets, window, strict=True):
-                found, hit, _ = self.weights(x + dx * FILTER_WIDTH, y + dy * FILTER_WIDTH)
-                total += wx * wy * np.where(hit, found, 0.0)
-                cover += wx * wy * hit
+        dx, dy = (FILTER_WIDTH * o.ravel() for o in np.meshgrid(offsets, offsets))
+        found, hit, _ = self.weights((x[:, None] + dx).ravel(), (y[:, None] + dy).ravel())
+        kernel = np.outer(window, window).ravel()
+        hit = hit.reshape(len(x), -1) * kernel
+        total = np.einsum("pmk,mk->pm", found.reshape(len(self.paths), *hit.shape), hit)
+        cover = hit.sum(axis=1)
         share = cover / window.sum() ** 2
         return total / np.where(cover > 0, cover, 1.0), share
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Twice the signed area of the triangles a, b, c (..., 2)."""
+    ab, ac = b - a, c - a
+    return ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
 
 
 def _border(labels: np.ndarray) -> np.ndarray:
@@ -247,8 +272,8 @@ def crossing_counts(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> n
     view = read_viewpoint(scene, depsgraph)
     counts = np.zeros((view.size[1], view.size[0]), int)
     for glass in read_glasses(depsgraph):
-        paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=1e-3)
-        found = path_regions(glass, view, paths)
+        paths = optics.light_paths(glass.description, view.eye_for(glass))
+        found = path_regions(glass, view, paths, smooth=False)
         refractions = np.array([p.events.count("T") for p in paths] or [0])
         strongest = np.argmax(found.weights, axis=0) if paths else np.zeros(found.hit.shape, int)
         here = np.where(found.hit, refractions[strongest], 0)

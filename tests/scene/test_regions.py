@@ -14,7 +14,12 @@ from glass_refraction.scene.glasses import read_glasses
 from glass_refraction.scene.hull import first_face
 from glass_refraction.scene.names import RefractiveGlassError
 from glass_refraction.scene.region_map import write_region_map
-from glass_refraction.scene.regions import crossing_counts, path_regions, picture_rect
+from glass_refraction.scene.regions import (
+    crossing_counts,
+    path_regions,
+    picture_rect,
+    region_masks,
+)
 from glass_refraction.scene.viewpoint import read_viewpoint
 
 
@@ -180,3 +185,43 @@ def test_the_map_is_a_picture_of_the_counts(tmp_path):
     for count in np.unique(counts):
         colours = np.unique(np.round(pixels[counts == count], 3), axis=0)
         assert len(colours) == 1
+
+
+def test_rays_that_pass_a_notch_of_the_outline_do_not_count_as_inside():
+    """A thick, concave pane: entering and leaving by its faces is not enough."""
+    scenes.camera(location=(0.0, -0.5, 0.25), tilt=1.15)
+    scene = scenes.settings(160, 120)
+    outline = [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (0.02, 0.1), (0.0, -0.06), (-0.02, 0.1)]
+    outline.append((-0.1, 0.1))
+    mesh = bpy.data.meshes.new("Notched")
+    mesh.from_pydata([(x, y, 0.0) for x, y in outline], [], [tuple(range(len(outline)))])
+    pane = bpy.data.objects.new("Notched", mesh)
+    scene.collection.objects.link(pane)
+    bpy.context.view_layer.objects.active = pane
+    bpy.ops.object.refractive_glass_modifier_add(shape="SLAB", wall_thickness=0.06, ior=1.5)
+    pane.rotation_euler = (0.3, 0.0, 0.5)
+    bpy.context.view_layer.update()
+    glass, view = _read(scene)
+    inside = region_masks(scene, scenes.depsgraph())["TT"]
+    rows, columns = np.nonzero(inside)
+    assert len(rows) > 500
+    rows, columns = rows[::11], columns[::11]
+    _, directions = view.rays(columns + 0.5, rows + 0.5)
+    eye, local = glass.to_local(view.eye), glass.direction_to_local(directions)
+    leave = optics.trace(glass.description, eye, local, "TT").origin
+    enter = eye - eye[2] / local[:, 2:] * local
+    # Every place of the straight way through the glass has glass round it.
+    for share in np.linspace(0, 1, 21):
+        place = enter + share * (leave - enter)
+        beside = np.array([_beside(p, glass.description.outline) for p in place[:, :2]])
+        assert not beside.any()
+
+
+def _beside(point, outline):
+    """Whether a point lies outside a polygon (crossing number)."""
+    x, y = point
+    crossings = 0
+    for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
+            crossings += 1
+    return crossings % 2 == 0
