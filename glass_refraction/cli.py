@@ -56,6 +56,10 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("scene", metavar="SCENE.blend", type=Path)
     compare.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
     compare.add_argument("--samples", type=int, help="of the reference; default: the scene's")
+    compare.add_argument(
+        "--surface", choices=("GLASS", "REFRACTION"), help="of both pictures; default: the scene's"
+    )
+    compare.add_argument("--shading", choices=("TRUE", "DISPLACED"), help="default: the scene's")
     compare.add_argument("--frame", type=int, help="default: the file's current frame")
     compare.set_defaults(run=_compare)
     return parser
@@ -144,6 +148,9 @@ def _compare(options: argparse.Namespace) -> None:
     scene = _open(options.scene)
     if options.frame is not None:
         scene.frame_set(options.frame)
+    for name in ("surface", "shading"):
+        if getattr(options, name) is not None:
+            setattr(scene.refractive_glass, name, getattr(options, name))
     _prepare(scene)
 
     def progress(share: float) -> None:
