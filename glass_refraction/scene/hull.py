@@ -59,6 +59,17 @@ def first_face(glass: Glass, eye) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces[:, ::-1] if inward else faces
 
 
+def faces_eye(vertices: np.ndarray, faces: np.ndarray, eye) -> np.ndarray:
+    """(F,) whether the faces show the eye their front: the others are no part of the outline.
+
+    A cylinder's far wall, seen through its open end, is such a one.
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    towards = -eye.direction if isinstance(eye, optics.ParallelView) else eye - a
+    return np.einsum("fk,fk->f", normal, np.broadcast_to(towards, normal.shape)) > 0
+
+
 def _flat_face(glass: Glass, description, eye, parallel: bool):
     depth = -sum(description.thickness)
     from_above = eye.direction[2] < 0 if parallel else eye[2] > 0

@@ -31,7 +31,7 @@ from .viewpoint import render_size
 
 FALLBACK_SHARE = 8
 """In TRUE shading the displaced copies take this part of the scene's samples."""
-MASK_SAMPLES = 64
+MASK_SAMPLES = 32
 """Of the outlines; they cost next to nothing."""
 ROLES = ("lookup", "mask", "displaced")
 DEPTH_LAYER = "depth"
@@ -360,7 +360,7 @@ def _emission_only(own_scene: bpy.types.Scene, samples: int, filter_width: float
     cycles.filter_width = filter_width
     cycles.film_exposure = 1.0
     cycles.max_bounces = 0
-    cycles.transparent_max_bounces = 8
+    cycles.transparent_max_bounces = 0
     cycles.sample_clamp_direct = 0.0
 
 

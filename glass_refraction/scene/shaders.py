@@ -45,19 +45,12 @@ def depth_material() -> bpy.types.Material:
 
 
 def mask_material() -> bpy.types.Material:
-    """White on faces towards the eye, clear on the others."""
+    """White: only coverage counts."""
     material, tree, new = _own_material("mask")
     if new:
-        geometry = tree.nodes.new("ShaderNodeNewGeometry")
-        clear = tree.nodes.new("ShaderNodeBsdfTransparent")
-        white = tree.nodes.new("ShaderNodeEmission")
-        white.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-        mix = tree.nodes.new("ShaderNodeMixShader")
-        tree.links.new(geometry.outputs["Backfacing"], mix.inputs[0])
-        tree.links.new(white.outputs[0], mix.inputs[1])
-        tree.links.new(clear.outputs[0], mix.inputs[2])
-        end = tree.nodes.new("ShaderNodeOutputMaterial")
-        tree.links.new(mix.outputs[0], end.inputs["Surface"])
+        white = tree.nodes.new("ShaderNodeRGB")
+        white.outputs[0].default_value = (1.0, 1.0, 1.0, 1.0)
+        _emit(tree, white.outputs[0])
     return material
 
 

@@ -24,7 +24,7 @@ from .. import optics
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
 from .copies import Solver, Written, write_copy, write_true_mesh
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
-from .hull import first_face
+from .hull import faces_eye, first_face
 from .layers import (
     Layers,
     Pane,
@@ -284,7 +284,9 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
 
 
 def _write_hull(hull: bpy.types.Object, glass: Glass, view: Viewpoint) -> None:
-    vertices, faces = first_face(glass, view.eye_for(glass))
+    eye = view.eye_for(glass)
+    vertices, faces = first_face(glass, eye)
+    faces = faces[faces_eye(vertices, faces, eye)]
     mesh = hull.data
     mesh.clear_geometry()
     mesh.from_pydata(glass.points_to_world(vertices).tolist(), [], faces.tolist())
