@@ -16,10 +16,10 @@ from .modifier_inputs import write_input
 from .sources import Piece, world_positions
 from .tessellation import (
     Images,
+    Probe,
     Triangles,
     edge_images,
     refine,
-    region_probe,
     view_pixels,
 )
 from .texture_coordinates import write_coordinates
@@ -90,6 +90,7 @@ def write_copy(
     parts: list[Piece],
     carried: bool,
     solver: Solver,
+    probe: Probe,
     rect: tuple[int, int, int, int],
     max_gap_px: float,
     extra: dict[str, np.ndarray],
@@ -101,6 +102,7 @@ def write_copy(
     Parameters
     ----------
     carried : Geometry Nodes can take the source's mesh; else the carrier must hold it.
+    probe : rays of the path's region.
     rect : pixels that the glass covers; what appears beside them is left out.
     max_gap_px : triangles whose edges miss the true image by more are split.
     extra : texture coordinates of the true place, name -> (N, 3), for materials that need them.
@@ -109,7 +111,6 @@ def write_copy(
     """
     view = solver.view
     points = world_positions(parts)
-    probe = region_probe(solver.glass, view, solver.path, rect)
     # A faint path is not searched for objects that its rays pass by.
     passed_by = importance < FAINT and not (len(points) and probe.meets_box(points))
     if not len(points) or passed_by:

@@ -38,6 +38,7 @@ from .modifier_inputs import write_input
 from .names import RefractiveGlassError, own
 from .regions import Regions, path_regions, picture_rect
 from .sources import is_carried, pieces, seen_through, source_objects, world_positions
+from .tessellation import region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
 from .viewpoint import Viewpoint, read_viewpoint
 
@@ -302,6 +303,7 @@ def _update_copies(
     tolerance = min(settings.tolerance_px / importance, MAX_TOLERANCE_PX)
     solver = Solver(glass, path, view, 0.1 * settings.tolerance_px)
     outer = (glass.stamp(), view.stamp(), tolerance, regions.rect)
+    probe = None
     for (name, events, uid), copy in copies.items():
         if (name, events) != (pane.glass.name, path.events):
             continue
@@ -315,11 +317,14 @@ def _update_copies(
             if known is not None and known[0] == outer and np.array_equal(known[1], points):
                 continue
             guess = known[2].found if known is not None else None
+            # The same for all sources of a path, and none where nothing changed.
+            probe = probe or region_probe(glass, view, path, regions.rect)
             written = write_copy(
                 copy,
                 parts,
                 is_carried(source),
                 solver,
+                probe,
                 regions.rect,
                 tolerance,
                 extra,
