@@ -66,8 +66,9 @@ def faces_eye(vertices: np.ndarray, faces: np.ndarray, eye) -> np.ndarray:
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
-    towards = -eye.direction if isinstance(eye, optics.ParallelView) else eye - a
-    return np.einsum("fk,fk->f", normal, np.broadcast_to(towards, normal.shape)) > 0
+    if isinstance(eye, optics.ParallelView):
+        return normal @ np.asarray(eye.direction) < 0
+    return np.einsum("fk,fk->f", normal, np.asarray(eye) - a) > 0
 
 
 def _flat_face(glass: Glass, description, eye, parallel: bool):

@@ -153,9 +153,10 @@ def test_all_that_the_glass_covers_lies_in_its_rectangle():
     assert not outside.any()
 
 
+@pytest.mark.parametrize("projection", ["PERSP", "ORTHO"])
 @pytest.mark.parametrize("shape", ["CYLINDER", "SPHERE", "SLAB"])
-def test_the_first_face_looks_at_the_eye(shape):
-    scenes.camera()
+def test_the_first_face_looks_at_the_eye(shape, projection):
+    scenes.camera(type=projection)
     scene, _ = _case(shape=shape)
     glass, view = _read(scene)
     eye = view.eye_for(glass)
