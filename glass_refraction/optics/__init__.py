@@ -6,6 +6,7 @@ from .glasses import CylinderGlass, FlatGlass, SphereGlass
 from .images import ApparentPoints
 from .interpolation import edge_gaps, edges_to_split, triangle_gaps
 from .laws import fresnel, reflect, refract
+from .lengths import path_lengths
 from .media import MEDIA
 from .paths import LightPath, ParallelView
 from .tracing import TracedRays, trace
@@ -25,6 +26,7 @@ __all__ = [
     "edges_to_split",
     "fresnel",
     "light_paths",
+    "path_lengths",
     "path_weights",
     "reflect",
     "refract",

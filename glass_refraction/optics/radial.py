@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Weights of paths through cylinders and spheres, from a ray's invariants alone.
+"""Weights and lengths of paths through cylinders and spheres, from a ray's invariants alone.
 
 With w_j = √(P_j² r² − ℓ²) on either side of an interface of radius r, the cosines of the angles
 with its normal are w_j / (r·n_j), so that Fresnel's amplitudes are (w_a − w_b) / (w_a + w_b) and
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .coaxial import domain_of
 from .glasses import CylinderGlass, SphereGlass
-from .paths import Branch, LightPath, branches
+from .paths import Branch, LightPath, Stretch, branches
 
 Floats = NDArray[np.float64]
 
@@ -46,12 +46,45 @@ class RadialWeights:
         `origins` (3,) or (M, 3), finite; `directions` (M, 3), not unit.
         """
         rays = _Rays.of(self.glass, self.medium, self.radii, origins, directions)
-        return None if rays is None else self._found(rays)
+        return None if rays is None else self._weights(rays)
 
-    def _found(self, rays: _Rays) -> Iterator[tuple]:
+    def lengths(self, origins: Floats, directions: Floats) -> Iterator[tuple] | None:
+        """(indices of rays, lengths, media) branch by branch; None for rays out of range.
+
+        Lengths (S, rays) in metres and media (S, 1) of the stretches between the path's events.
+        """
+        rays = _Rays.of(self.glass, self.medium, self.radii, origins, directions)
+        return None if rays is None else self._lengths(rays)
+
+    def _weights(self, rays: _Rays) -> Iterator[tuple]:
         if "" in self.wanted:
             missed = np.flatnonzero(~rays.meets_first())
             yield "", missed, np.ones(len(missed))
+        for met, on, name, branch, index in self._taken(rays):
+            whole = len(index) == len(met.ell2)
+            weight = np.ones(len(index))
+            for (interface, event), count in Counter(
+                zip(branch.interfaces, branch.events, strict=True)
+            ).items():
+                share = met.reflectance(interface)
+                share = share if whole else share[index]
+                share = share if event == "R" else 1.0 - share
+                for _ in range(count):
+                    weight *= share
+            yield name, (index if on is None else on[index]), weight
+
+    def _lengths(self, rays: _Rays) -> Iterator[tuple]:
+        for met, on, _, branch, index in self._taken(rays):
+            inner = branch.stretches[1:-1]
+            ends = zip(inner, branch.interfaces, branch.interfaces[1:], strict=False)
+            lengths = np.empty((len(inner), len(index)))
+            for row, (stretch, begin, end) in enumerate(ends):
+                lengths[row] = met.between(stretch, begin, end)[index]
+            media = np.array([[stretch.medium] for stretch in inner], dtype=np.intp)
+            yield (index if on is None else on[index]), lengths, media.reshape(-1, 1)
+
+    def _taken(self, rays: _Rays) -> Iterator[tuple]:
+        """Which rays take which branch: rays met, their indices, events, branch, which of them."""
         on = None
         if self.medium == 0:
             on = np.flatnonzero(rays.meets(0) & rays.inward)
@@ -71,19 +104,8 @@ class RadialWeights:
                 for level in rays.crossings(branch):
                     taken &= (level >= low) & (level <= high)
             index = np.flatnonzero(taken)
-            if not len(index):
-                continue
-            whole = len(index) == len(taken)
-            weight = np.ones(len(index))
-            for (interface, event), count in Counter(
-                zip(branch.interfaces, branch.events, strict=True)
-            ).items():
-                share = rays.reflectance(interface)
-                share = share if whole else share[index]
-                share = share if event == "R" else 1.0 - share
-                for _ in range(count):
-                    weight *= share
-            yield name, (index if on is None else on[index]), weight
+            if len(index):
+                yield rays, on, name, branch, index
 
 
 class _Rays:
@@ -184,6 +206,14 @@ class _Rays:
         """Height gained in a medium between a ray's foot and an interface, metres."""
         p2 = np.maximum(self.squared(self.media2[medium]), 1e-300)
         return self.zeta * self.radial(medium, interface) * self.scale / p2
+
+    def between(self, stretch: Stretch, begin: int, end: int) -> Floats:
+        """Geometric length of a stretch between two interfaces, metres."""
+        n2 = self.media2[stretch.medium]
+        w = stretch.enters * self.radial(stretch.medium, begin)
+        w = w - stretch.leaves * self.radial(stretch.medium, end)
+        w *= self.scale * n2**0.5
+        return np.maximum(w / np.maximum(self.squared(n2), 1e-300), 0.0)
 
     def crossings(self, branch: Branch) -> Iterator[Floats]:
         """z of every meeting on a branch, metres."""

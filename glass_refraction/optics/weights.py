@@ -49,7 +49,7 @@ def path_weights(
     origins = np.broadcast_to(np.asarray(eye, dtype=float), (total, 3))
     row = {name: number for number, name in enumerate(dict.fromkeys(events))}
     found = np.zeros((len(row), total))
-    radial = _radial(glass, np.asarray(eye, dtype=float), row)
+    radial = radial_weights(glass, np.asarray(eye, dtype=float), row)
 
     def work(block: slice) -> None:
         if radial is not None:
@@ -69,7 +69,7 @@ def path_weights(
     return found[[row[name] for name in events]].reshape(len(events), total), rest
 
 
-def _radial(glass: Glass, eye: Floats, wanted: Iterable[str]) -> RadialWeights | None:
+def radial_weights(glass: Glass, eye: Floats, wanted: Iterable[str]) -> RadialWeights | None:
     """The closed form, for coaxial glasses and rays that all start in one medium."""
     if isinstance(glass, FlatGlass) or not eye.size or not np.isfinite(eye).all():
         return None

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far light runs in each medium along a path: what absorption needs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .glasses import Glass
+from .paths import LightPath, as_path
+from .solver import in_blocks
+from .tracing import advance, meet, start
+from .weights import radial_weights
+
+
+def path_lengths(
+    glass: Glass, eye: ArrayLike, directions: ArrayLike, path: LightPath | str
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """How far rays run between the interfaces that a path meets, and in which media.
+
+    By Beer and Lambert, a medium of absorption coefficient a (per metre) lets exp(-a·length)
+    through: ``np.exp(-(coefficients[media] * lengths).sum(axis=0))`` with one coefficient for each
+    of ``glass.media`` is the part of the light that all stretches together let through.
+
+    Parameters
+    ----------
+    glass
+        In whose frame everything is given, metres.
+    eye : (3,), or (M, 3) for rays that start apart (an orthographic camera)
+    directions : (M, 3)
+        Need not be unit.
+    path
+        A `LightPath` or its events.
+
+    Returns
+    -------
+    lengths : (S, M)
+        Geometric length in metres of stretch 1 to S of the path, those between its first and its
+        last event: S = len(path) − 1, and 0 for the path "". 0 where the ray does not take the
+        path. What lies in front of the first event and behind the last is not the path's to tell.
+    media : (S, M) of int
+        Index into ``glass.media`` of the medium each stretch runs in; 0 where the ray does not
+        take the path. Rays of one path may differ here, if the glass has three interfaces or more.
+    """
+    events = as_path(path).events
+    directions = np.atleast_2d(np.asarray(directions, dtype=float))
+    eye = np.asarray(eye, dtype=float)
+    total, rows = len(directions), max(len(events) - 1, 0)
+    origins = np.broadcast_to(eye, (total, 3))
+    lengths, media = np.zeros((rows, total)), np.zeros((rows, total), dtype=np.intp)
+    if not rows:
+        return lengths, media
+    radial = radial_weights(glass, eye, (events,))
+
+    def work(block: slice) -> None:
+        parts = None
+        if radial is not None:
+            here = eye if eye.ndim == 1 else origins[block]
+            parts = radial.lengths(here, directions[block])
+        if parts is None:
+            parts = _followed(glass, origins[block], directions[block], events)
+        for which, ways, through in parts:
+            lengths[:, block.start + which] = ways
+            media[:, block.start + which] = through
+
+    in_blocks(work, total)
+    return lengths, media
+
+
+def _followed(glass, origins, directions, events):
+    """Indices of rays that take the path, their lengths and media, by following every ray."""
+    rays, proper = start(glass, origins, directions)
+    index = np.flatnonzero(proper)
+    rays, ways, through = rays.take(index), [], []
+    for number, event in enumerate(events):
+        meeting = meet(glass, rays)
+        on = np.flatnonzero(meeting.inside)
+        medium = rays.medium[on]
+        rays, possible = advance(glass, rays.take(on), meeting.take(on), event)
+        on = on[possible]
+        rays, index = rays.take(possible), index[on]
+        ways, through = [way[on] for way in ways], [part[on] for part in through]
+        if number:
+            ways.append(meeting.distance[on])
+            through.append(medium[possible])
+    ends = ~meet(glass, rays).met
+    return [(index[ends], np.stack(ways)[:, ends], np.stack(through)[:, ends])]
