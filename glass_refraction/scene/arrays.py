@@ -19,6 +19,23 @@ _KINDS = {
 }
 
 
+def affine(points: np.ndarray, matrix: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Points (N, 3) times an affine (k, 4) matrix into ``out`` (N, k), in blocks that fit a cache.
+
+    Worked out in float64 whatever the points are: a vertex far from the origin keeps its digits.
+    """
+    columns, block = np.ascontiguousarray(matrix.T), np.ones((min(len(points), _BLOCK), 4))
+    for start in range(0, len(points), _BLOCK):
+        end = min(start + _BLOCK, len(points))
+        homogeneous = block[: end - start]
+        homogeneous[:, :3] = points[start:end]
+        np.dot(homogeneous, columns, out=out[start:end])
+    return out
+
+
+_BLOCK = 8192
+
+
 def positions(mesh: bpy.types.Mesh) -> np.ndarray:
     """Vertex positions (N, 3), float32, in the mesh's own frame."""
     out = np.empty((len(mesh.vertices), 3), np.float32)

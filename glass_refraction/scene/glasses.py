@@ -40,6 +40,11 @@ class Glass:
         """What the optics depend on; equal stamps give equal pictures."""
         return (self.name, self.description, self.to_world.tobytes())
 
+    def from_world(self) -> np.ndarray:
+        """(3, 4) float64: world points into the glass's frame."""
+        rotation = self.to_world[:3, :3].T
+        return np.column_stack((rotation, -rotation @ self.to_world[:3, 3]))
+
     def to_local(self, points: np.ndarray) -> np.ndarray:
         """World points (..., 3) in the glass's frame."""
         return (np.asarray(points, float) - self.to_world[:3, 3]) @ self.to_world[:3, :3]

@@ -37,6 +37,24 @@ class SourceMesh:
     of_face: dict[str, tuple[str, np.ndarray]] = field(default_factory=dict)
 
 
+def read_triangles(parts: list[Piece]) -> np.ndarray:
+    """The triangles (T, 3) of the pieces, by vertices as they are numbered one after another."""
+    starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts])
+    found = [
+        _loop_triangles(p.mesh, "vertices") + s for p, s in zip(parts, starts[:-1], strict=True)
+    ]
+    return np.concatenate(found or [np.empty((0, 3), np.int32)])
+
+
+def _loop_triangles(mesh: bpy.types.Mesh, what: str) -> np.ndarray:
+    """A property of each of a mesh's triangles: (T, 3), or (T,) of ``polygon_index``."""
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    out = np.empty(count if what == "polygon_index" else (count, 3), np.int32)
+    mesh.loop_triangles.foreach_get(what, out.ravel())
+    return out
+
+
 def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = None) -> SourceMesh:
     """Join the pieces of a source; materials of later pieces follow those of earlier ones.
 
@@ -44,20 +62,16 @@ def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = N
     ----------
     extra : further point attributes, name -> (N, 3), for all vertices in the pieces' order.
     """
-    corners, normals, start, slots = [], [], 0, 0
+    normals, slots = [], 0
     at_corner: dict[str, list] = {}
     of_face: dict[str, list] = {}
     counts = []
     for part in parts:
         mesh = part.mesh
-        mesh.calc_loop_triangles()
-        count = len(mesh.loop_triangles)
-        vertices, loops, faces = (np.empty(n * count, np.int32) for n in (3, 3, 1))
-        mesh.loop_triangles.foreach_get("vertices", vertices)
-        mesh.loop_triangles.foreach_get("loops", loops)
-        mesh.loop_triangles.foreach_get("polygon_index", faces)
-        vertices, loops = vertices.reshape(-1, 3), loops.reshape(-1, 3)
-        corners.append(vertices + start)
+        vertices, loops, faces = (
+            _loop_triangles(mesh, what) for what in ("vertices", "loops", "polygon_index")
+        )
+        count = len(vertices)
         turn = np.linalg.inv(part.to_world[:3, :3]).T
         normals.append(_unit(corner_normals(mesh)[loops] @ turn.T))
         for attribute in mesh.attributes:
@@ -78,9 +92,8 @@ def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = N
             e for e in of_face["material_index"] if e[0] != len(counts)
         ] + [(len(counts), "INT", material + slots)]
         slots += max(1, len(mesh.materials))
-        start += len(mesh.vertices)
         counts.append(count)
-    joined = np.concatenate(corners)
+    joined = read_triangles(parts)
     source = SourceMesh(world_positions(parts), joined, np.concatenate(normals))
     source.at_corner = {n: _filled(v, counts) for n, v in at_corner.items()}
     source.of_face = {n: _filled(v, counts) for n, v in of_face.items()}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .arrays import positions
+from .arrays import affine, positions
 from .glasses import glass_modifier
 from .modifier_inputs import read_input
 from .names import own
@@ -99,13 +99,58 @@ def pieces(source: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator
     yield found
 
 
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The vertices of a source as they were read: what its images depend on.
+
+    Attributes
+    ----------
+    local : (n, 3) float32 arrays, one a piece, in the piece's own frame.
+    to_world : the pieces' (4, 4) poses.
+    topology : vertices, corners and faces of each piece: another mesh has other ones.
+    """
+
+    local: tuple[np.ndarray, ...]
+    to_world: tuple[np.ndarray, ...]
+    topology: tuple[tuple[int, int, int], ...]
+
+    @classmethod
+    def of(cls, parts: list[Piece]) -> Snapshot:
+        """Read the pieces."""
+        return cls(
+            tuple(positions(part.mesh) for part in parts),
+            tuple(part.to_world for part in parts),
+            tuple((len(p.mesh.vertices), len(p.mesh.loops), len(p.mesh.polygons)) for p in parts),
+        )
+
+    def __len__(self) -> int:
+        return sum(len(points) for points in self.local)
+
+    def same(self, other: Snapshot) -> bool:
+        """Whether every vertex is where it is in the other."""
+        return (
+            self.topology == other.topology
+            and all(map(np.array_equal, self.to_world, other.to_world))
+            and all(map(np.array_equal, self.local, other.local))
+        )
+
+    def placed(self, matrix: np.ndarray) -> np.ndarray:
+        """All vertices, one after another, times an affine (k, 4) matrix: (N, k) float64."""
+        out = np.empty((len(self), len(matrix)))
+        start = 0
+        for points, pose in zip(self.local, self.to_world, strict=True):
+            affine(points, matrix @ pose, out[start : start + len(points)])
+            start += len(points)
+        return out
+
+    def world(self) -> np.ndarray:
+        """All vertices (N, 3) float64, one after another, in the world."""
+        return self.placed(np.eye(4)[:3])
+
+
 def world_positions(parts: list[Piece]) -> np.ndarray:
     """All vertices (N, 3) float64 of the pieces, one after another, in the world."""
-    if not parts:
-        return np.empty((0, 3))
-    return np.concatenate(
-        [positions(part.mesh) @ part.to_world[:3, :3].T + part.to_world[:3, 3] for part in parts]
-    )
+    return Snapshot.of(parts).world()
 
 
 def _matrix(matrix) -> np.ndarray:

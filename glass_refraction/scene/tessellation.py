@@ -10,7 +10,8 @@ is shared by its triangles, so no cracks open.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,6 +32,10 @@ SHORT_EDGE_PX = 1.0
 """An edge whose ends appear this near to each other is not split, whatever lies between them."""
 ACROSS_PX = 3.0
 """The same for an edge between whose ends an image slot ends."""
+
+
+FEW_POINTS = 10_000
+"""A mesh of more than this is taken to be fine: what is seen of a face is seen of a corner too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +100,31 @@ class Triangles:
         weights = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
         return cls(points, corners, np.arange(count), weights)
 
+    def moved(self, points: np.ndarray) -> Triangles:
+        """The same triangles of points that are elsewhere."""
+        other = replace(self, points=points)
+        if "_edges" in self.__dict__:
+            other.__dict__["_edges"] = self._edges
+        return other
+
+    def followed(self, points: np.ndarray, corners: np.ndarray) -> Triangles:
+        """The same parts of the source's triangles (corners) of points that are elsewhere."""
+        whole, weights = self._rows
+        return self.moved(np.einsum("nj,njk->nk", weights, points[corners[whole]]))
+
+    @cached_property
+    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each point a source triangle (N,) and where in it the point lies (N, 3)."""
+        where = np.zeros(len(self.points), int)
+        where[self.corners.ravel()] = np.arange(self.corners.size)
+        return self.origin[where // 3], self.weights.reshape(-1, 3)[where]
+
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
         """The distinct edges (E, 2), and each triangle's edges (T, 3): 01, 12 and 20."""
+        return self._edges
+
+    @cached_property
+    def _edges(self) -> tuple[np.ndarray, np.ndarray]:
         sides = self.corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         sides = np.sort(sides, axis=1)
         keys = sides[:, 0].astype(np.int64) * len(self.points) + sides[:, 1]
@@ -160,23 +188,77 @@ class _Parts:
         )
 
 
-@dataclass(frozen=True, eq=False)
 class EdgeImages:
-    """How edges appear.
+    """How edges appear: by their ends, and by their middles where those are asked for.
 
     Attributes
     ----------
     gap : (E,) pixels between the middle of the straight image and the image of the middle
-        (optics notes, section 6), the largest over the slots; 0 where nothing of the edge is seen.
+        (optics notes, section 6), the largest over the slots; 0 where no middle was measured.
     length : (E,) pixels between the images of the ends; infinite where only the middle is seen.
     box : (E, 4) pixels: low and high corner of what is seen; low > high where nothing is.
     across : (E,) a slot ends between the edge's ends.
     """
 
-    gap: np.ndarray
-    length: np.ndarray
-    box: np.ndarray
-    across: np.ndarray
+    def __init__(
+        self, points: np.ndarray, edges: np.ndarray, ends: Images, view: Viewpoint
+    ) -> None:
+        """Of the edges (E, 2) of points (N, 3), whose images are ``ends``, their ends alone."""
+        count = len(edges)
+        self.edges, self.ends, self.view = edges, ends, view
+        self.gap, self.length = np.zeros(count), np.zeros(count)
+        self.across = np.zeros(count, bool)
+        self.box = np.empty((count, 4))
+        self.box[:, :2], self.box[:, 2:] = np.inf, -np.inf
+        self.places = [view_pixels(view, ends.position[slot]) for slot in range(len(ends.stretch))]
+        self._direct = np.zeros(count)
+        for slot in range(len(ends.stretch)):
+            valid = ends.valid[slot][edges]
+            if not valid.any():
+                continue
+            first, second = (self.places[slot][edges[:, k]] for k in range(2))
+            apart = np.linalg.norm(second - first, axis=1)
+            # Where a slot ends between two vertices (at an interface, a fold, the edge of what the
+            # path can reach), what it says of the farther one means little: take the edge as it
+            # stands.
+            here = valid[:, 0] != valid[:, 1]
+            if here.any():
+                pair = view_pixels(view, points[edges[here]].reshape(-1, 3)).reshape(-1, 2, 2)
+                self._direct[here] = np.linalg.norm(pair[:, 1] - pair[:, 0], axis=1)
+                apart[here] = self._direct[here]
+            self.across |= here
+            self.length = np.maximum(self.length, np.where(valid.any(axis=1), apart, 0.0))
+            self._widen(slice(None), first, valid[:, 0])
+            self._widen(slice(None), second, valid[:, 1])
+
+    def doubtful(self, near: np.ndarray, aim: float, search: bool) -> np.ndarray:
+        """(E,) whose middles have to be solved: long enough to be split, and near enough.
+
+        Parameters
+        ----------
+        near : (E,) as :meth:`near` says.
+        search : also those that lie elsewhere by their ends, or of which neither end is seen.
+        """
+        long = self.length > np.where(self.across, *self._least(aim))
+        return long | (self.length == 0) if search else long & near
+
+    def measure(self, which: np.ndarray, middles: Images) -> None:
+        """Take in the images of the middles of the edges ``which`` (K,), indices."""
+        edges, names = self.edges[which], _slot_names(middles)
+        for slot, name in enumerate(_slot_names(self.ends)):
+            valid = self.ends.valid[slot][edges]
+            chord = self.ends.position[slot][edges].mean(axis=1)
+            place, middle_valid = chord, np.zeros(len(edges), bool)
+            if name in names:
+                place = middles.position[names.index(name)]
+                middle_valid = middles.valid[names.index(name)]
+            middle = view_pixels(self.view, place)
+            off = np.linalg.norm(middle - view_pixels(self.view, chord), axis=1)
+            off = np.where(valid[:, 0] != valid[:, 1], self._direct[which], off)
+            seen = valid.any(axis=1) | middle_valid
+            self.gap[which] = np.maximum(self.gap[which], np.where(seen, off, 0.0))
+            self.length[which[middle_valid & ~valid.any(axis=1)]] = np.inf
+            self._widen(which, middle, middle_valid)
 
     def near(self, triangle_edges: np.ndarray, rect) -> np.ndarray:
         """(E,) whether a triangle (T, 3) of the edge appears in the pixel rectangle."""
@@ -189,53 +271,29 @@ class EdgeImages:
         seen = near & (self.length > SHORT_EDGE_PX) & ~self.across
         return INTERIOR * float(self.gap[seen].max(initial=0.0))
 
+    def worst(self, near: np.ndarray, number: int) -> np.ndarray:
+        """The ends (K, 2) of those edges that miss most or, where nothing does, are longest."""
+        some = np.nonzero(near & np.isfinite(self.length))[0]
+        if len(some) > number:
+            order = np.argpartition(-self.gap[some] - 1e-6 * self.length[some], number)
+            some = some[order[:number]]
+        return self.edges[some]
+
     def wrong(self, near: np.ndarray, aim: float) -> np.ndarray:
         """(E,) which of these edges miss by more than ``aim`` pixels and are long enough."""
-        least = np.where(self.across, max(ACROSS_PX, 4 * aim), max(SHORT_EDGE_PX, aim))
-        return near & (self.length > least) & (self.gap > aim)
+        return near & (self.length > np.where(self.across, *self._least(aim))) & (self.gap > aim)
 
+    @staticmethod
+    def _least(aim: float) -> tuple[float, float]:
+        """Pixels that an edge has to be long to be split: where a slot ends in it, elsewhere."""
+        return max(ACROSS_PX, 4 * aim), max(SHORT_EDGE_PX, aim)
 
-def edge_images(
-    points: np.ndarray, edges: np.ndarray, ends: Images, middles: Images, view: Viewpoint
-) -> EdgeImages:
-    """How the edges (E, 2) of points (N, 3) appear, from the images of points and edge middles."""
-    count = len(edges)
-    gap, length = np.zeros(count), np.zeros(count)
-    low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
-    across = np.zeros(count, bool)
-    direct = view_pixels(view, points)
-    direct_length = np.linalg.norm(direct[edges[:, 1]] - direct[edges[:, 0]], axis=1)
-    names = _slot_names(middles)
-    for slot, name in enumerate(_slot_names(ends)):
-        valid = ends.valid[slot][edges]
-        if name in names:
-            middle_valid = middles.valid[names.index(name)]
-            middle_place = middles.position[names.index(name)]
-        else:
-            middle_valid = np.zeros(count, bool)
-            middle_place = ends.position[slot][edges].mean(axis=1)
-        seen = valid.any(axis=1) | middle_valid
-        if not seen.any():
-            continue
-        places = view_pixels(view, ends.position[slot])
-        first, second = places[edges[:, 0]], places[edges[:, 1]]
-        middle = view_pixels(view, middle_place)
-        chord = view_pixels(view, ends.position[slot][edges].mean(axis=1))
-        off = np.linalg.norm(middle - chord, axis=1)
-        apart = np.linalg.norm(second - first, axis=1)
-        apart = np.where(valid.any(axis=1), apart, np.inf)
-        # Where a slot ends between two vertices (at an interface, a fold, the edge of what the path
-        # can reach), what it says of the farther one means little: take the edge as it stands.
-        here = valid[:, 0] != valid[:, 1]
-        across |= here
-        off = np.where(here, direct_length, off)
-        apart = np.where(here, direct_length, apart)
-        gap = np.maximum(gap, np.where(seen, off, 0.0))
-        length = np.maximum(length, np.where(seen, apart, 0.0))
-        for corner, counts in ((first, valid[:, 0]), (second, valid[:, 1]), (middle, middle_valid)):
-            low = np.where(counts[:, None], np.minimum(low, corner), low)
-            high = np.where(counts[:, None], np.maximum(high, corner), high)
-    return EdgeImages(gap, length, np.concatenate((low, high), axis=1), across)
+    def _widen(self, which, places: np.ndarray, counts: np.ndarray) -> None:
+        box = self.box[which]
+        counts = counts[:, None]
+        box[:, :2] = np.where(counts, np.minimum(box[:, :2], places), box[:, :2])
+        box[:, 2:] = np.where(counts, np.maximum(box[:, 2:], places), box[:, 2:])
+        self.box[which] = box
 
 
 def view_pixels(view: Viewpoint, points: np.ndarray) -> np.ndarray:
@@ -290,24 +348,22 @@ def refine(
     """
     most, fine = importance * MAX_VERTICES, importance * FINE_VERTICES
     ends = solve(triangles.points)
-    known, middles = np.empty(0, np.int64), _empty(ends)
+    middles = _Middles(solve, _empty(ends))
     worst, visible = 0.0, False
     for _ in range(MAX_ROUNDS):
         edges, triangle_edges = triangles.edges()
         keys = edges[:, 0].astype(np.int64) << 32 | edges[:, 1]
-        new = ~np.isin(keys, known)
-        if new.any():
-            known = np.concatenate((known, keys[new]))
-            middles = _joined(middles, solve(triangles.points[edges[new]].mean(axis=1)))
-        order = np.argsort(known)
-        here = _taken(middles, order[np.searchsorted(known, keys, sorter=order)])
-        found = edge_images(triangles.points, edges, ends, here, view)
-        near = found.near(triangle_edges, rect)
-        worst = found.bound(near)
-        visible = bool(near.any())
         aim = tolerance_px / INTERIOR
         if len(triangles.points) < fine:
             aim *= FINE_SHARE
+        found = EdgeImages(triangles.points, edges, ends, view)
+        near = found.near(triangle_edges, rect)
+        doubtful = found.doubtful(near, aim, may_hide_more(ends))
+        asked = np.nonzero(doubtful)[0]
+        found.measure(asked, middles.of(keys[asked], triangles.points[edges[asked]]))
+        near = found.near(triangle_edges, rect)
+        worst = found.bound(near)
+        visible = bool(near.any())
         chosen = found.wrong(near, aim)
         # A large face may be seen only somewhere in its middle: ask the rays.
         unseen = np.nonzero(found.box[triangle_edges, 0].min(axis=1) == np.inf)[0]
@@ -320,9 +376,30 @@ def refine(
         chosen[longest[chosen[triangle_edges].any(axis=1)]] = True
         if not chosen.any() or len(triangles.points) + chosen.sum() > most:
             break
+        ends = _joined(ends, middles.of(keys[chosen], triangles.points[edges[chosen]]))
         triangles = triangles.split(edges, triangle_edges, chosen)
-        ends = _joined(ends, _taken(here, np.nonzero(chosen)[0]))
     return Refined(triangles, worst, visible)
+
+
+class _Middles:
+    """Images of the middles of edges, each solved once however often it is asked for."""
+
+    def __init__(self, solve: Solve, none: Images) -> None:
+        self.solve, self.keys, self.images = solve, np.empty(0, np.int64), none
+
+    def of(self, keys: np.ndarray, ends: np.ndarray) -> Images:
+        """Of edges with these keys (K,) and ends (K, 2, 3), in their order."""
+        new = ~np.isin(keys, self.keys)
+        if new.any():
+            self.keys = np.concatenate((self.keys, keys[new]))
+            self.images = _joined(self.images, self.solve(ends[new].mean(axis=1)))
+        order = np.argsort(self.keys)
+        return _taken(self.images, order[np.searchsorted(self.keys, keys, sorter=order)])
+
+
+def may_hide_more(images: Images) -> bool:
+    """Whether large faces may be seen although none of their vertices is."""
+    return images.valid.shape[1] < FEW_POINTS and not images.valid.any(axis=0).all()
 
 
 def _slot_names(images: Images) -> list[tuple[int, int]]:

@@ -21,8 +21,9 @@ import bpy
 import numpy as np
 
 from .. import optics
+from .appearance import Appearance, Search, Solver, Source
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
-from .copies import Solver, Written, write_copy, write_true_mesh
+from .copies import write_copy, write_true_mesh
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
 from .layers import (
@@ -37,7 +38,7 @@ from .layers import (
 from .modifier_inputs import write_input
 from .names import RefractiveGlassError, own
 from .regions import Regions, path_regions, picture_rect
-from .sources import is_carried, pieces, seen_through, source_objects, world_positions
+from .sources import Snapshot, is_carried, pieces, seen_through, source_objects
 from .tessellation import region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
 from .viewpoint import Viewpoint, read_viewpoint
@@ -67,9 +68,10 @@ class _Memory:
     """What was computed for a scene, with the stamps that it was computed from."""
 
     regions: dict[str, tuple[tuple, Regions]] = field(default_factory=dict)
-    copies: dict[tuple[str, str, int], tuple[tuple, np.ndarray, Written]] = field(
+    copies: dict[tuple[str, str, int], tuple[tuple, Source, Appearance]] = field(
         default_factory=dict
     )
+    occluders: dict[int, Snapshot] = field(default_factory=dict)
     paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
     status: Status = field(default_factory=Status)
 
@@ -201,12 +203,12 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
             _update_copies(scene, memory, pane, glass, path, view, regions, copies, depsgraph)
     _update_occluders(layers, memory, depsgraph)
     match_settings(scene, layers, _union(rects), effective_shading(scene) == "TRUE")
-    written = [w for key, (_, _, w) in memory.copies.items() if key in copies]
+    shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
     memory.status = Status(
-        vertices=sum(w.vertices for w in written),
+        vertices=sum(shape.vertices for shape in shapes),
         paths=tuple(dict.fromkeys(p.events for pane, _ in panes for p in pane.paths)),
         milliseconds=1e3 * (time.perf_counter() - started),
-        bound_px=max((w.bound_px for w in written), default=0.0),
+        bound_px=max((shape.bound_px for shape in shapes), default=0.0),
         problems=problems or memory.status.problems,
     )
     return memory.status
@@ -298,42 +300,36 @@ def _update_copies(
     scene, memory, pane: Pane, glass: Glass, path, view: Viewpoint, regions, copies, depsgraph
 ) -> None:
     settings = scene.refractive_glass
+    # A render finds everything exactly: each frame is then as it is when rendered alone.
+    exact = depsgraph.mode == "RENDER"
+    looked_up = effective_shading(scene) == "TRUE"
     # What carries little light may lie less exactly: the error in the picture is the product.
     importance = max(regions.importance(path), 1e-3)
     tolerance = min(settings.tolerance_px / importance, MAX_TOLERANCE_PX)
-    solver = Solver(glass, path, view, 0.1 * settings.tolerance_px)
-    outer = (glass.stamp(), view.stamp(), tolerance, regions.rect)
-    probe = None
+    outer = (glass.stamp(), view.stamp(), tolerance, regions.rect, looked_up)
+    search = None
     for (name, events, uid), copy in copies.items():
         if (name, events) != (pane.glass.name, path.events):
             continue
-        source = source_of(copy)
-        with pieces(source, depsgraph) as parts:
-            points = world_positions(parts)
+        key = (name, events, uid)
+        original = source_of(copy)
+        with pieces(original, depsgraph) as parts:
             extra = coordinates(parts, dressed_coordinates(copy))
-            points = np.concatenate((points, *(extra[n] for n in sorted(extra))))
-            key = (name, events, uid)
-            known = memory.copies.get(key)
-            if known is not None and known[0] == outer and np.array_equal(known[1], points):
-                continue
-            guess = known[2].found if known is not None else None
-            # The same for all sources of a path, and none where nothing changed.
-            probe = probe or region_probe(glass, view, path, regions.rect)
-            written = write_copy(
-                copy,
-                parts,
-                is_carried(source),
-                solver,
-                probe,
-                regions.rect,
-                tolerance,
-                extra,
-                importance,
-                guess,
-            )
-        counters["solves"] += 1
-        counters["copies"] += 1
-        memory.copies[key] = (outer, points, written)
+            source = Source(parts, is_carried(original), extra)
+            stamp, known, before = memory.copies.get(key, (None, None, None))
+            same = stamp == outer and source.unchanged(known) and (before.exact or not exact)
+            if not same:
+                if search is None:
+                    solver = Solver(glass, path, view, 0.1 * settings.tolerance_px)
+                    probe = region_probe(glass, view, path, regions.rect)
+                    search = Search(solver, probe, regions.rect, tolerance, importance)
+                find = search.exactly if exact else search.live
+                shape = find(source, before)
+                write_copy(copy, source, shape, view, looked_up=looked_up, before=before)
+                counters["solves"] += 1
+                counters["copies"] += 1
+                memory.copies[key] = (outer, source, shape)
+            source.close()
 
 
 def _update_occluders(layers: Layers, memory: _Memory, depsgraph) -> None:
@@ -343,12 +339,11 @@ def _update_occluders(layers: Layers, memory: _Memory, depsgraph) -> None:
         if is_carried(source):
             continue
         with pieces(source, depsgraph) as parts:
-            points = world_positions(parts)
-            key = ("", "", uid)
-            known = memory.copies.get(key)
-            if known is None or not np.array_equal(known[1], points):
+            snapshot = Snapshot.of(parts)
+            known = memory.occluders.get(uid)
+            if known is None or not snapshot.same(known):
                 write_true_mesh(occluder, parts)
-                memory.copies[key] = ((), points, Written(len(points), 0.0, False, None))
+                memory.occluders[uid] = snapshot
 
 
 def _covered(scene, panes: list[Pane], depsgraph, view: Viewpoint) -> tuple[int, int, int, int]:

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from .. import optics
+from .arrays import affine
 from .glasses import Glass
 from .names import RefractiveGlassError
 
@@ -69,22 +70,21 @@ class Viewpoint:
         and w are linear in the point, so they may be interpolated over a triangle before the
         division. ``depth`` is the distance along the view direction, metres.
         """
-        matrix = self.projection @ self.to_camera
-        homogeneous = points @ matrix[:, :3].T + matrix[:, 3]
-        w = homogeneous[:, 3]
-        depth = -(points @ self.to_camera[2, :3] + self.to_camera[2, 3])
-        return np.stack(
-            (0.5 * (homogeneous[:, 0] + w), 0.5 * (homogeneous[:, 1] + w), w, depth), axis=1
-        )
+        return affine(points, self._clip_matrix(), np.empty((len(points), 4)))
 
     def lookup(self, points: np.ndarray) -> np.ndarray:
         """The same as :meth:`clip`, over the window in place of the whole frame."""
-        found = self.clip(points)
-        w = found[:, 2]
+        matrix = self._clip_matrix()
+        w = matrix[2]
         for axis in range(2):
             low, high = self.window[axis], self.window[axis + 2]
-            found[:, axis] = (found[:, axis] * self.size[axis] - low * w) / (high - low)
-        return found
+            matrix[axis] = (matrix[axis] * self.size[axis] - low * w) / (high - low)
+        return affine(points, matrix, np.empty((len(points), 4)))
+
+    def _clip_matrix(self) -> np.ndarray:
+        """(4, 4): all four coordinates are linear in the point."""
+        x, y, _, w = self.projection @ self.to_camera
+        return np.stack((0.5 * (x + w), 0.5 * (y + w), w, -self.to_camera[2]))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Pixel coordinates (N, 2) of world points in front of the camera, from the lower left."""

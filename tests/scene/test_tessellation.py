@@ -7,8 +7,8 @@ import pytest
 import scenes
 
 from glass_refraction import optics
+from glass_refraction.scene.appearance import Solver
 from glass_refraction.scene.arrays import corner_normals, read_attribute
-from glass_refraction.scene.copies import Solver
 from glass_refraction.scene.glasses import read_glasses
 from glass_refraction.scene.mesh_arrays import read_source_mesh, write_mesh
 from glass_refraction.scene.regions import picture_rect
