@@ -8,10 +8,14 @@ away from its normal.
 
 from __future__ import annotations
 
+import math
+
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass"
 SHAPES = ("Slab", "Cylinder", "Rod", "Sphere")
+SHARP = 0.8
+"""Radians between the normals on both sides of an edge that is a rim."""
 
 
 def build():
@@ -31,6 +35,13 @@ def build():
     rod = _lathe(b, segments, (0.0, radius, radius, 0.0, 0.0), (0.0, 0.0, height, height, height))
     sphere = _sphere(b, radius, inner, wall, segments)
 
+    # While a viewport draws the refracted picture, a face would hide what that is looked up in.
+    is_viewport = b.node("IsViewport")
+    only_edges = b.node("FunctionNodeBooleanMath", operation="AND")
+    b.link(is_viewport.outputs[0], only_edges.inputs[0])
+    b.link(group.outputs["Edges in Viewport"], only_edges.inputs[1])
+    sphere = b.switch("GEOMETRY", only_edges.outputs[0], sphere, _circles(b, radius, segments))
+
     menu = b.node("MenuSwitch", data_type="GEOMETRY")
     menu.enum_items.clear()
     for name in SHAPES:
@@ -46,11 +57,16 @@ def build():
     b.link(group.outputs["Material"], material.inputs["Material"])
 
     # In a render the refracted picture stands in the glass's place, so the mesh keeps out of it.
-    is_viewport = b.node("IsViewport")
     shown = b.node("FunctionNodeBooleanMath", operation="OR")
     b.link(is_viewport.outputs[0], shown.inputs[0])
     b.link(group.outputs["Show in Render"], shown.inputs[1])
-    out = b.switch("GEOMETRY", shown.outputs[0], _nothing(b), material.outputs[0])
+    mesh = b.switch(
+        "GEOMETRY",
+        only_edges.outputs[0],
+        material.outputs[0],
+        _edges(b, menu.outputs["Output"]),
+    )
+    out = b.switch("GEOMETRY", shown.outputs[0], _nothing(b), mesh)
     end = b.node("NodeGroupOutput")
     b.link(out, end.inputs[0])
     return b.tree
@@ -112,10 +128,50 @@ def _interface(b: TreeBuilder) -> None:
         hidden=True,
         description="Set by the extension: rendered as a mesh only while the refraction is off",
     )
+    b.socket(
+        "Edges in Viewport",
+        "Bool",
+        default=False,
+        hidden=True,
+        description="Set by the extension while a viewport draws what is seen through the glass",
+    )
 
 
 def _nothing(b: TreeBuilder):
     return b.node("JoinGeometry").outputs[0]
+
+
+def _edges(b: TreeBuilder, mesh):
+    """The mesh's sharp edges, as lines, and those that are lines already."""
+    angle = b.node("InputMeshEdgeAngle")
+    soft = b.node("FunctionNodeCompare", data_type="FLOAT", operation="LESS_EQUAL")
+    b.link(angle.outputs["Unsigned Angle"], enabled(soft.inputs, "A"))
+    enabled(soft.inputs, "B").default_value = SHARP
+    neighbours = b.node("InputMeshEdgeNeighbors")
+    inner = b.node("FunctionNodeBooleanMath", operation="AND")
+    b.link(soft.outputs[0], inner.inputs[0])
+    b.link(neighbours.outputs[0], inner.inputs[1])
+    sharp = b.node("DeleteGeometry", domain="EDGE", mode="EDGE_FACE")
+    b.link(mesh, sharp.inputs["Geometry"])
+    b.link(inner.outputs[0], sharp.inputs["Selection"])
+    # Faces between sharp edges alone are left.
+    lines = b.node("DeleteGeometry", domain="FACE", mode="ONLY_FACE")
+    b.link(sharp.outputs[0], lines.inputs["Geometry"])
+    return lines.outputs[0]
+
+
+def _circles(b: TreeBuilder, radius, segments):
+    """Three circles round a sphere, which has no sharp edge."""
+    join = b.node("JoinGeometry")
+    for turn in ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.5, 0.0)):
+        circle = b.node("MeshCircle")
+        b.link(segments, circle.inputs["Vertices"])
+        b.link(radius, circle.inputs["Radius"])
+        placed = b.node("Transform")
+        b.link(circle.outputs["Mesh"], placed.inputs["Geometry"])
+        placed.inputs["Rotation"].default_value = [math.pi * part for part in turn]
+        b.link(placed.outputs[0], join.inputs[0])
+    return join.outputs[0]
 
 
 def _slab(b: TreeBuilder, outline, thickness):
@@ -177,7 +233,7 @@ def _smooth_but_rims(b: TreeBuilder, mesh):
     edge = b.node("InputMeshEdgeAngle")
     sharp = b.node("FunctionNodeCompare", data_type="FLOAT", operation="GREATER_THAN")
     b.link(edge.outputs["Unsigned Angle"], enabled(sharp.inputs, "A"))
-    enabled(sharp.inputs, "B").default_value = 0.8
+    enabled(sharp.inputs, "B").default_value = SHARP
     normals = b.node("SetMeshNormal", mode="SHARPNESS")
     b.link(mesh, normals.inputs["Mesh"])
     b.link(sharp.outputs[0], normals.inputs["Edge Sharpness"])
