@@ -17,6 +17,7 @@ import threading
 import bpy
 from bpy.app.handlers import persistent
 
+from .scene import changes
 from .scene import update as door
 from .scene.names import TAG, RefractiveGlassError, own
 
@@ -65,7 +66,10 @@ def _prepare(scene: bpy.types.Scene) -> None:
 
 @persistent
 def _on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    if _rendering or own(scene):
+    if own(scene):
+        return
+    changes.note(scene, depsgraph)
+    if _rendering:
         return
     # Only what the optics can depend on: an own data-block's change is no news.
     if any(isinstance(u.id, _RELEVANT) and not u.id.get(TAG) for u in depsgraph.updates):
@@ -84,7 +88,10 @@ _RELEVANT = (
 
 @persistent
 def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    if own(scene) or depsgraph.mode != "RENDER":
+    if own(scene):
+        return
+    changes.note(scene, depsgraph)
+    if depsgraph.mode != "RENDER":
         request_update(scene)
         return
     try:

@@ -133,7 +133,7 @@ class Appearance:
     images : the same in the world; None if nothing can be seen in the region.
     bound_px : the largest gap between a straight image edge and the true image; found live, the
         largest of the watched edges.
-    watched : (K, 2) edges for the next live update.
+    watched : (K, 2) edges for the next live update; None: yet to be chosen.
     topology : of the source, as ``Snapshot`` says.
     exact : found exactly.
     """
@@ -144,7 +144,7 @@ class Appearance:
     found: optics.ApparentPoints | None
     images: Images | None
     bound_px: float
-    watched: np.ndarray
+    watched: np.ndarray | None
     topology: tuple
     exact: bool
 
@@ -199,12 +199,11 @@ class Search:
             triangles, bound = refined.triangles, refined.bound_px
             found = self.solver(triangles.points)
             images = self.solver.in_world(found)
-            edges, near = self._edges(triangles, images)
-            is_refined = True
+            watched, is_refined = None, True
         elif not near.any():
             return self._unseen(source, triangles, corners, found)
         else:
-            bound, is_refined = edges.bound(near), False
+            bound, watched, is_refined = edges.bound(near), edges.worst(near, WATCHED), False
         return Appearance(
             triangles,
             corners,
@@ -212,7 +211,7 @@ class Search:
             found,
             images,
             bound,
-            edges.worst(near, WATCHED),
+            watched,
             source.snapshot.topology,
             True,
         )
@@ -234,8 +233,12 @@ class Search:
             if may_hide_more(images) or self._reaches(images):
                 return self.exactly(source, before)
             return self._unseen(source, triangles, before.of_source, found)
-        edges = self._watched(triangles, images, before.watched)
-        every = np.ones(len(before.watched), bool)
+        watched = before.watched
+        if watched is None:
+            all_edges, near = self._edges(triangles, images)
+            watched = all_edges.worst(near, WATCHED)
+        edges = self._watched(triangles, images, watched)
+        every = np.ones(len(watched), bool)
         if edges.wrong(every, self.max_gap_px).any():
             return self.exactly(source, before)
         return replace(
@@ -244,6 +247,7 @@ class Search:
             found=found,
             images=images,
             bound_px=edges.bound(every),
+            watched=watched,
             exact=False,
         )
 

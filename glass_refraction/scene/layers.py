@@ -364,6 +364,10 @@ def _emission_only(own_scene: bpy.types.Scene, samples: int, filter_width: float
     cycles.sample_clamp_direct = 0.0
 
 
+_WARNING = {"wireframe_color_type"}
+"""Of wireframes alone, and Blender warns whenever a scene's is read."""
+
+
 def _copy_properties(source, target) -> None:
     """Copy the plain settings of one property group to another where they differ."""
     for prop in source.bl_rna.properties:
@@ -372,7 +376,7 @@ def _copy_properties(source, target) -> None:
             if name in {"shading", "ray_tracing_options"}:
                 _copy_properties(getattr(source, name), getattr(target, name))
             continue
-        if prop.is_readonly or prop.type == "COLLECTION":
+        if prop.is_readonly or prop.type == "COLLECTION" or name in _WARNING:
             continue
         value, present = getattr(source, name), getattr(target, name)
         if getattr(prop, "is_array", False):

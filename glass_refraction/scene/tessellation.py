@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
 
 from .. import optics
 from .viewpoint import Viewpoint
@@ -34,6 +36,8 @@ ACROSS_PX = 3.0
 """The same for an edge between whose ends an image slot ends."""
 
 
+MOST_MET = 16
+"""Triangles along one ray of a probe; another ray finds what lies behind so many."""
 FEW_POINTS = 10_000
 """A mesh of more than this is taken to be fine: what is seen of a face is seen of a corner too."""
 
@@ -437,22 +441,28 @@ def _joined(first: Images, second: Images) -> Images:
 
 
 def _met_by(probe: Probe, corners: np.ndarray) -> np.ndarray:
-    """Which triangles (T, 3, 3) a ray of the probe meets (Moeller and Trumbore 1997)."""
+    """Which triangles (T, 3, 3) a ray of the probe meets, however many it meets before."""
     met = np.zeros(len(corners), bool)
-    block = max(1, 500_000 // max(1, len(probe.origin)))
-    for start in range(0, len(corners), block):
-        a, b, c = (corners[start : start + block, k] for k in range(3))
-        first, second = b - a, c - a
-        p = np.cross(probe.direction[:, None], second[None])
-        det = np.einsum("rtk,tk->rt", p, first)
-        safe = np.where(det == 0, 1.0, det)
-        to_origin = probe.origin[:, None] - a[None]
-        u = np.einsum("rtk,rtk->rt", to_origin, p) / safe
-        q = np.cross(to_origin, first[None])
-        v = np.einsum("rk,rtk->rt", probe.direction, q) / safe
-        distance = np.einsum("tk,rtk->rt", second, q) / safe
-        hit = (det != 0) & (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
-        met[start : start + block] = hit.any(axis=0)
+    if not met.size or not len(probe.origin):
+        return met
+    # The tree holds float32: round the triangles' own middle and size that is enough.
+    points = corners.reshape(-1, 3)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    size = max(np.ptp(points, axis=0).max(), 1e-30)
+    tree = BVHTree.FromPolygons(
+        ((points - middle) / size).tolist(),
+        np.arange(len(points)).reshape(-1, 3).tolist(),
+        all_triangles=True,
+    )
+    step = 1e-6
+    for start, direction in zip((probe.origin - middle) / size, probe.direction, strict=True):
+        place, along = Vector(start), Vector(direction)
+        for _ in range(MOST_MET):
+            hit, _, number, _ = tree.ray_cast(place, along)
+            if hit is None:
+                break
+            met[number] = True
+            place = hit + along * step
     return met
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from .. import optics
 from .appearance import Appearance, Search, Solver, Source
+from .changes import generation
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
 from .copies import write_copy, write_true_mesh
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
@@ -39,7 +40,7 @@ from .modifier_inputs import write_input
 from .names import RefractiveGlassError, own
 from .regions import Regions, path_regions, picture_rect
 from .sources import Snapshot, is_carried, pieces, seen_through, source_objects
-from .tessellation import region_probe
+from .tessellation import Probe, region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
 from .viewpoint import Viewpoint, read_viewpoint
 
@@ -72,6 +73,8 @@ class _Memory:
         default_factory=dict
     )
     occluders: dict[int, Snapshot] = field(default_factory=dict)
+    probes: dict[tuple[str, optics.LightPath], tuple[tuple, Probe]] = field(default_factory=dict)
+    still: tuple | None = None
     paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
     status: Status = field(default_factory=Status)
 
@@ -161,6 +164,7 @@ def prepare(
         memory = memory_of(scene)
         memory.regions.clear()
         memory.copies.clear()
+    memory_of(scene).still = None
     _dress_copies(layers, depsgraph)
     memory_of(scene).status.problems = problems
     write_kernels()
@@ -174,20 +178,30 @@ def remove(scene: bpy.types.Scene) -> None:
     _memories.pop(scene.session_uid, None)
 
 
-def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
+def update(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, exact: bool | None = None
+) -> Status:
     """Solve what changed and write it into what :func:`prepare` made.
 
     Parameters
     ----------
     scene : the user's (original) scene.
     depsgraph : evaluated; of a render or of the viewport.
+    exact : look at every edge and start from nothing, so that the answer depends on this moment
+        alone; else follow from the last answer. By default a render is exact.
     """
     layers = find_layers(scene)
     memory = memory_of(scene)
     if layers is None or not scene.refractive_glass.enabled:
         return memory.status
     started = time.perf_counter()
+    is_render = depsgraph.mode == "RENDER"
+    exact = is_render if exact is None else exact
     view = read_viewpoint(scene, depsgraph)
+    # A render evaluates by itself, and nobody tells of what.
+    still = None if is_render else (generation(scene), view.stamp(), _settings_stamp(scene), exact)
+    if still is not None and memory.still == still:
+        return memory.status
     problems: list[str] = []
     panes = _standing_panes(scene, layers, depsgraph, problems)
     copies = layers.copies()
@@ -200,9 +214,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
             continue
         rects.append(regions.rect)
         for path in pane.paths:
-            _update_copies(scene, memory, pane, glass, path, view, regions, copies, depsgraph)
+            task = _Task(scene, memory, pane, glass, path, view, regions, depsgraph, exact)
+            task.update(copies)
     _update_occluders(layers, memory, depsgraph)
-    match_settings(scene, layers, _union(rects), effective_shading(scene) == "TRUE")
+    if is_render:
+        match_settings(scene, layers, _union(rects), effective_shading(scene) == "TRUE")
     shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
     memory.status = Status(
         vertices=sum(shape.vertices for shape in shapes),
@@ -211,7 +227,19 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
         bound_px=max((shape.bound_px for shape in shapes), default=0.0),
         problems=problems or memory.status.problems,
     )
+    memory.still = still
     return memory.status
+
+
+def _settings_stamp(scene: bpy.types.Scene) -> tuple:
+    settings = scene.refractive_glass
+    return (
+        settings.surface,
+        settings.tolerance_px,
+        settings.lookup_samples,
+        effective_shading(scene),
+        scene.camera.name,
+    )
 
 
 def _dress_copies(layers: Layers, depsgraph) -> None:
@@ -296,40 +324,63 @@ def _write_hull(hull: bpy.types.Object, glass: Glass, view: Viewpoint) -> None:
     mesh.update()
 
 
-def _update_copies(
-    scene, memory, pane: Pane, glass: Glass, path, view: Viewpoint, regions, copies, depsgraph
-) -> None:
-    settings = scene.refractive_glass
-    # A render finds everything exactly: each frame is then as it is when rendered alone.
-    exact = depsgraph.mode == "RENDER"
-    looked_up = effective_shading(scene) == "TRUE"
-    # What carries little light may lie less exactly: the error in the picture is the product.
-    importance = max(regions.importance(path), 1e-3)
-    tolerance = min(settings.tolerance_px / importance, MAX_TOLERANCE_PX)
-    outer = (glass.stamp(), view.stamp(), tolerance, regions.rect, looked_up)
-    search = None
-    for (name, events, uid), copy in copies.items():
-        if (name, events) != (pane.glass.name, path.events):
-            continue
-        key = (name, events, uid)
-        original = source_of(copy)
-        with pieces(original, depsgraph) as parts:
-            extra = coordinates(parts, dressed_coordinates(copy))
-            source = Source(parts, is_carried(original), extra)
-            stamp, known, before = memory.copies.get(key, (None, None, None))
-            same = stamp == outer and source.unchanged(known) and (before.exact or not exact)
-            if not same:
-                if search is None:
-                    solver = Solver(glass, path, view, 0.1 * settings.tolerance_px)
-                    probe = region_probe(glass, view, path, regions.rect)
-                    search = Search(solver, probe, regions.rect, tolerance, importance)
-                find = search.exactly if exact else search.live
-                shape = find(source, before)
-                write_copy(copy, source, shape, view, looked_up=looked_up, before=before)
-                counters["solves"] += 1
-                counters["copies"] += 1
-                memory.copies[key] = (outer, source, shape)
-            source.close()
+@dataclass(eq=False)
+class _Task:
+    """The copies of one light path of one glass, to be brought up to date."""
+
+    scene: bpy.types.Scene
+    memory: _Memory
+    pane: Pane
+    glass: Glass
+    path: optics.LightPath
+    view: Viewpoint
+    regions: Regions
+    depsgraph: bpy.types.Depsgraph
+    exact: bool
+
+    def update(self, copies) -> None:
+        """Find where each source appears, unless nothing changed, and write it."""
+        importance = max(self.regions.importance(self.path), 1e-3)
+        # What carries little light may lie less exactly: the error in the picture is the product.
+        tolerance = min(self.scene.refractive_glass.tolerance_px / importance, MAX_TOLERANCE_PX)
+        looked_up = effective_shading(self.scene) == "TRUE"
+        rect = self.regions.rect
+        outer = (self.glass.stamp(), self.view.stamp(), tolerance, rect, looked_up)
+        search = None
+        for (name, events, uid), copy in copies.items():
+            if (name, events) != (self.pane.glass.name, self.path.events):
+                continue
+            key = (name, events, uid)
+            original = source_of(copy)
+            with pieces(original, self.depsgraph) as parts:
+                extra = coordinates(parts, dressed_coordinates(copy))
+                source = Source(parts, is_carried(original), extra)
+                stamp, known, before = self.memory.copies.get(key, (None, None, None))
+                usable = stamp == outer and (before.exact or not self.exact)
+                if not (usable and source.unchanged(known)):
+                    search = search or Search(
+                        self._solver(), self._probe(), rect, tolerance, importance
+                    )
+                    find = search.exactly if self.exact else search.live
+                    shape = find(source, before)
+                    write_copy(copy, source, shape, self.view, looked_up=looked_up, before=before)
+                    counters["solves"] += 1
+                    counters["copies"] += 1
+                    self.memory.copies[key] = (outer, source, shape)
+                source.close()
+
+    def _solver(self) -> Solver:
+        settings = self.scene.refractive_glass
+        return Solver(self.glass, self.path, self.view, 0.1 * settings.tolerance_px)
+
+    def _probe(self) -> Probe:
+        """The path's rays; they stay while glass and eye do."""
+        stamp = (self.glass.stamp(), self.view.stamp(), self.regions.rect)
+        known = self.memory.probes.get((self.pane.glass.name, self.path))
+        if known is None or known[0] != stamp:
+            found = region_probe(self.glass, self.view, self.path, self.regions.rect)
+            known = self.memory.probes[self.pane.glass.name, self.path] = (stamp, found)
+        return known[1]
 
 
 def _update_occluders(layers: Layers, memory: _Memory, depsgraph) -> None:

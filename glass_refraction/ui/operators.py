@@ -171,7 +171,7 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
         scene = context.scene
         try:
             door.prepare(scene, context.evaluated_depsgraph_get(), strict=True)
-            found = door.update(scene, context.evaluated_depsgraph_get())
+            found = door.update(scene, context.evaluated_depsgraph_get(), exact=True)
         except RefractiveGlassError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
