@@ -39,8 +39,8 @@ def write_copy(
         if before is None or before.images is not None:
             _write_carrier(copy.data, np.empty((0, 3)), np.empty(0), np.empty((0, 4)))
         return
-    slots = _used_slots(shape.images.valid)
-    seen = np.stack([_seen(shape, slot, view) for slot in slots]).reshape(-1)
+    slots = used_slots(shape.images.valid)
+    seen = np.stack([seen_vertices(shape, slot, view) for slot in slots]).reshape(-1)
     where = shape.images.position[slots].reshape(-1, 3)
     lookup = None
     if looked_up:
@@ -61,12 +61,13 @@ def write_true_mesh(obj: bpy.types.Object, parts: list[Piece]) -> None:
     obj.data.update_tag()
 
 
-def _used_slots(valid: np.ndarray) -> np.ndarray:
+def used_slots(valid: np.ndarray) -> np.ndarray:
+    """The image slots, of (B, N) flags, in which anything is seen."""
     return np.nonzero(valid.any(axis=1))[0]
 
 
-def _seen(shape: Appearance, slot: int, view: Viewpoint) -> np.ndarray:
-    """1 for vertices with an image, 0 for those placed on the fold near such a one.
+def seen_vertices(shape: Appearance, slot: int, view: Viewpoint) -> np.ndarray:
+    """(N,) 1 for vertices with an image, 0 for those placed on the fold near such a one.
 
     A vertex without an image that lies far from the images of its neighbours says nothing about
     where the surface ends: no face may hang on it.

@@ -142,7 +142,7 @@ def prepare(
     for obj in glasses:
         try:
             glass = read_glass(obj, depsgraph)
-            paths = _kept_paths(scene, glass, view)
+            paths = kept_paths(scene, glass, view)
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
@@ -252,7 +252,7 @@ def _dress_copies(layers: Layers, depsgraph) -> None:
     remove_unused()
 
 
-def _kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
+def kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
     """The paths that the glass's picture is made of: a mean weight of ``min_weight`` or more.
 
     ``optics.light_paths`` lists what carries that much for *some* ray; close to the verge light
