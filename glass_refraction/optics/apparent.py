@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,7 +12,7 @@ from .coaxial import COARSE, CoaxialPassage
 from .flat import FlatPassage
 from .glasses import FlatGlass, Glass
 from .images import ApparentPoints, Slot
-from .paths import LightPath, ParallelView, as_eye, as_path, branches
+from .paths import Branch, LightPath, ParallelView, as_eye, as_path, branches
 from .sheets import NO_PIECE, Curves, Leg, Placing, rank_of, strays
 from .solver import BLOCK, in_blocks, newton
 
@@ -57,31 +59,53 @@ def apparent_points(
         raise ValueError(f"tolerance must be positive, not {tolerance!r}")
     if guess is not None and guess.valid.shape[-1] != len(points):
         raise ValueError(f"guess must be for {len(points)} points, not {guess.valid.shape[-1]}")
-    finite = np.isfinite(points).all(axis=-1)
-    some = points if finite.all() else points[finite]
+    finite = _finite(points)
+    some = points if finite is None else points[finite]
     slots, iterations = [], 0
     if isinstance(eye, ParallelView):
-        medium = 0
+        medium, viewpoint = 0, eye
         if isinstance(glass, FlatGlass) and eye.direction[2] > 0.0:
             medium = len(glass.media) - 1
     else:
-        medium = int(glass.medium_at(eye))
-    family = FlatPassage if isinstance(glass, FlatGlass) else CoaxialPassage
+        medium, viewpoint = int(glass.medium_at(eye)), tuple(eye.tolist())
     places = glass.places(some)
-    for branch in branches(glass, medium, path):
+    for branch in _branches(glass, medium, path):
         for stretch in range(1, len(branch.stretches)):
             inside = glass.holds(branch.stretches[stretch].medium, places)
             if not inside.any():
                 continue
-            passage = family(glass, eye, branch, stretch)
+            passage = _passage(glass, viewpoint, branch, stretch)
             if passage.empty():
                 continue
             slots_here = Slots(passage, some, inside, tolerance)
             first = _guessed(guess, passage, finite) if passage.direct else None
             iterations = max(iterations, _find(slots_here, first))
             slots += slots_here.by_key.values()
+    if finite is None:
+        finite = np.ones(len(points), dtype=bool)
     slots = sorted((slot for slot in slots if slot.valid.any()), key=lambda slot: slot.sheet)
     return _gather(slots, finite, eye, len(path), iterations)
+
+
+def _finite(points) -> NDArray[np.bool_] | None:
+    """Which points are finite; None for all."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        if np.isfinite(points.sum()):
+            return None
+    finite = np.isfinite(points).all(axis=-1)
+    return None if finite.all() else finite
+
+
+@lru_cache(maxsize=256)
+def _branches(glass: Glass, medium: int, path: LightPath) -> tuple[Branch, ...]:
+    return tuple(branches(glass, medium, path))
+
+
+@lru_cache(maxsize=256)
+def _passage(glass: Glass, eye: tuple | ParallelView, branch: Branch, stretch: int):
+    """The equations of a stretch: many calls ask for the same ones."""
+    family = FlatPassage if isinstance(glass, FlatGlass) else CoaxialPassage
+    return family(glass, eye if isinstance(eye, ParallelView) else np.array(eye), branch, stretch)
 
 
 def _gather(slots, finite, eye, last, iterations):
@@ -108,6 +132,9 @@ def _gather(slots, finite, eye, last, iterations):
 
 MAIN = (1, 0, 0, 0)
 """The sheet that no caustic has turned over and no winding has shifted."""
+
+ROUGH = 6
+"""Most steps in float32."""
 
 CELLS = 12
 """Cells along a curve that may meet caustics."""
@@ -170,34 +197,36 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
     small = 0.3 * tolerance**0.5 if tolerance > 1e-8 else 1e-9
     left, most = [], []
 
+    coarse = tolerance > 1e-7 and passage.smooth
+    narrow = coarse and tolerance > COARSE
+
     def work(block: slice) -> None:
         points = slots.points[block]
         targets = passage.targets(points)
         solved = targets[: passage.solved]
-        unknowns = passage.start(*solved)
         if guess is not None:
             unknowns = passage.from_directions(guess[block], *solved)
-        steps = 0
-        if tolerance > 1e-7 and passage.smooth:
-            # Early steps need few digits: half the width, half the memory.
-            enough = tolerance > COARSE
-            rough, steps = newton(
-                passage,
-                passage.into_domain(*(part.astype(np.float32) for part in unknowns)),
-                [part.astype(np.float32) for part in solved],
-                small=small if enough else 3e-3,
-                most=8,
-            )
-            unknowns = [part.astype(np.float64) for part in rough]
-            if not enough:
-                unknowns, more = newton(passage, unknowns, solved, small=small, most=8)
-                steps = steps + more
         else:
-            unknowns, steps = newton(passage, unknowns, solved, small=small, most=passage.most)
+            unknowns = passage.start(*solved)
+        steps = 0
+        if coarse:
+            # Early steps need few digits: half the width, half the memory.
+            unknowns, steps = newton(
+                passage,
+                [part.astype(np.float32) for part in unknowns],
+                [part.astype(np.float32) for part in solved],
+                small=small if narrow else 3e-3,
+                most=ROUGH,
+            )
+            unknowns = [part.astype(np.float64) for part in unknowns]
+        if not narrow:
+            unknowns, more = newton(passage, unknowns, solved, small=small, most=passage.most)
+            steps = steps + more
+        # What does not pass its point, mostly for want of an image, is left to the search.
         settled = slots.put(MAIN, block, unknowns, targets, True)
         if not settled.all():
             left.append(block.start + np.flatnonzero(~settled))
-        most.append(int(np.max(steps, where=settled, initial=0)))
+        most.append(int((steps * settled).max(initial=0)))
 
     in_blocks(work, len(slots.points))
     left = np.sort(np.concatenate(left)) if left else np.zeros(0, dtype=np.intp)
@@ -210,9 +239,9 @@ def _guessed(guess, passage, finite) -> NDArray | None:
     if guess is None or not passage.guessable or name not in guess.sheet:
         return None
     directions = np.asarray(guess.direction[guess.sheet.index(name)], dtype=float)
-    if not finite.all():
+    if finite is not None:
         directions = directions[finite]
-    return directions if np.isfinite(directions).all() else None
+    return directions if _finite(directions) is None else None
 
 
 def _by_curves(slots: Slots, left) -> None:

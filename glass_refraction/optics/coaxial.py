@@ -178,6 +178,44 @@ def _paired(walls: tuple[Term, ...]):
     return tuple(pairs), tuple(singles), power
 
 
+class Rows:
+    """The terms of a passage as columns, for all rays at once: pairs first, the eye last.
+
+    `limits`: n²r² and r² of each row, `squares` and `iors`: n² and n of each medium, by the size
+    of the numbers in bytes. `pairs`: (medium, count); `singles`: (row, medium, count); `eye`:
+    (row, medium, count) or None; `own`: the medium of the stretch.
+    """
+
+    def __init__(self, passage: CoaxialPassage) -> None:
+        pairs, singles = passage.paired, passage.unpaired
+        lines = [(ior, plus2) for ior, plus2, _, _ in pairs]
+        lines += [(ior, minus2) for ior, _, minus2, _ in pairs]
+        lines += [(ior, radius2) for ior, radius2, _ in singles]
+        self.media = sorted({ior for ior, _ in lines} | {passage.ior, passage.eye_ior})
+        medium = {ior: number for number, ior in enumerate(self.media)}
+        self.pairs = [(medium[ior], count) for ior, _, _, count in pairs]
+        self.singles = [
+            (2 * len(pairs) + number, medium[ior], count)
+            for number, (ior, _, count) in enumerate(singles)
+        ]
+        self.own, self.eye = medium[passage.ior], None
+        met = {ior for ior, _ in lines}
+        if passage.eye_term is not None:
+            term = passage.eye_term
+            self.eye = len(lines), medium[term.ior], term.count
+            lines.append((term.ior, term.radius**2))
+            met.add(term.ior)
+        # Whether ζ is bounded by a medium that no term knows.
+        self.loose = not met >= {passage.ior, passage.eye_ior}
+        lines = np.array(lines).reshape(-1, 2)
+        columns = (lines[:, :1] ** 2 * lines[:, 1:], lines[:, 1:].copy())
+        iors = np.array(self.media)[:, None]
+        kinds = (np.float32, np.float64)
+        self.limits = {kind().itemsize: tuple(c.astype(kind) for c in columns) for kind in kinds}
+        self.iors = {kind().itemsize: iors.astype(kind) for kind in kinds}
+        self.squares = {kind().itemsize: (iors * iors).astype(kind) for kind in kinds}
+
+
 class CoaxialPassage:
     """One stretch of one branch: everything its equations need, for one viewpoint.
 
@@ -228,8 +266,8 @@ class CoaxialPassage:
             else Term(self.eye_ior, frame.eye_radius, self.eye_side)
         )
         self.terms = self.walls + ((self.eye_term,) if self.eye_term else ())
-        self.iors = tuple(sorted({term.ior for term in self.terms} | {self.ior, self.eye_ior}))
-        self.pairs, self.singles, self.power = _paired(self.walls)
+        self.paired, self.unpaired, self.power = _paired(self.walls)
+        self.rows = Rows(self)
         least = min((self.ior, *(term.ior for term in self.terms)))
         self.zeta_max = least
         limits = {(term.ior * term.ior, term.radius * term.radius) for term in self.terms}
@@ -292,79 +330,120 @@ class CoaxialPassage:
 
     # ---- rays ---------------------------------------------------------------------------
 
+    def room(self, ell2, zeta2):
+        """w² of all terms, a row a term, in the order of `rows`."""
+        const, falls = self.rows.limits[ell2.dtype.itemsize]
+        room = falls * zeta2
+        np.subtract(const, room, out=room)
+        room -= ell2
+        return room
+
     def follow(self, ell, zeta, slopes=True) -> Line:
         """The line on which rays (ℓ, ζ) run in this stretch, with its derivatives."""
-        zeta2 = zeta * zeta
-        ell2 = ell * ell
-        p2 = {n: n * n - zeta2 for n in self.iors}
-        real = imag = None
-        sums, spreads = {}, {}
-        for ior, plus2, minus2, count in self.pairs:
-            first, second = _radial(p2[ior], plus2, ell2), _radial(p2[ior], minus2, ell2)
-            product = first * second
-            second -= first
+        ell2, zeta2 = ell * ell, zeta * zeta
+        return self._follow(ell, zeta, ell2, zeta2, self.room(ell2, zeta2), slopes)
+
+    def _within(self, ell, zeta):
+        """Unknowns moved into the domain, with their squares and w² (arguments of `_follow`), and
+        which of them were outside (None: no one)."""
+        if self.rows.loose:
+            ell, zeta = self.into_domain(ell, zeta)
+        ell2, zeta2 = ell * ell, zeta * zeta
+        w = self.room(ell2, zeta2)
+        outside = None
+        if w.min(initial=np.inf) <= SMALLEST:
+            outside = np.flatnonzero((w <= SMALLEST).any(axis=0))
+            ell, zeta = ell.copy(), zeta.copy()
+            ell[outside], zeta[outside] = self.into_domain(ell[outside], zeta[outside])
+            ell2, zeta2 = ell * ell, zeta * zeta
+            w = self.room(ell2, zeta2)
+        return (ell, zeta, ell2, zeta2, w), outside
+
+    def _follow(self, ell, zeta, ell2, zeta2, w, slopes) -> Line:
+        """`follow` with the squares and w² (overwritten) at hand."""
+        rows = self.rows
+        pairs = rows.pairs
+        least = SMALLEST if w.dtype == np.float64 else 1e-12
+        if w.min(initial=np.inf) < least:
+            np.maximum(w, least, out=w)
+        np.sqrt(w, out=w)
+        p2 = rows.squares[w.dtype.itemsize] - zeta2
+        inverse = 1.0 / p2
+        sums = np.zeros((len(rows.media), len(ell)), dtype=w.dtype)
+        spreads = np.zeros_like(sums) if slopes else None
+        eye_inverse = real = imag = None
+        if pairs:
             # (first + iℓ)(second − iℓ), and the two quotients over one denominator
-            _add(sums, ior, (-count) * second)
+            first, second = w[: len(pairs)], w[len(pairs) : 2 * len(pairs)]
+            products, gaps = first * second, second - first
+            quotients = gaps / products if slopes else None
+            for row, (medium, count) in enumerate(pairs):
+                sums[medium] -= gaps[row] if count == 1 else count * gaps[row]
+                if slopes:
+                    spreads[medium] += quotients[row] if count == 1 else count * quotients[row]
+            products += ell2
+            gaps *= ell
+            for row, (_, count) in enumerate(pairs):
+                for _ in range(count // self.power):
+                    real, imag = _times(real, imag, products[row], gaps[row])
+        for row, medium, count in rows.singles:
+            sums[medium] += w[row] if count == 1 else count * w[row]
             if slopes:
-                _add(spreads, ior, count * second / product)
-            product += ell2
-            second *= ell
-            for _ in range(count // self.power):
-                real, imag = _times(real, imag, product, second)
-        for ior, radius2, count in self.singles:
-            w = _radial(p2[ior], radius2, ell2)
-            _add(sums, ior, count * w)
-            if slopes:
-                _add(spreads, ior, count / w)
+                spreads[medium] += count / w[row]
             step = ell if count > 0 else -ell
             for _ in range(abs(count) // self.power):
-                real, imag = _times(real, imag, w, step)
+                real, imag = _times(real, imag, w[row], step)
         walls_real, walls_imag = real, imag
         for _ in range(self.power - 1 if real is not None else 0):
             real, imag = _times(real, imag, walls_real, walls_imag)
-        eye_inverse = None
-        if self.eye_term is not None:
-            w = _radial(p2[self.eye_ior], self.eye_term.radius**2, ell2)
-            outward = self.eye_side > 0
-            real, imag = _times(real, imag, w, ell if outward else -ell)
-            _add(sums, self.eye_ior, w if outward else -w)
+        if rows.eye is not None:
+            row, medium, outward = rows.eye
+            add = np.add if outward > 0 else np.subtract
+            at_eye = w[row]
+            real, imag = _times(real, imag, at_eye, ell if outward > 0 else -ell)
+            add(sums[medium], at_eye, out=sums[medium])
             if slopes:
-                eye_inverse = 1.0 / w
-                _add(spreads, self.eye_ior, eye_inverse if outward else -eye_inverse)
+                eye_inverse = 1.0 / at_eye
+                add(spreads[medium], eye_inverse, out=spreads[medium])
         if real is None:
             real, imag = np.ones_like(ell), np.zeros_like(ell)
         norm = real * real
         norm += imag * imag
-        np.maximum(norm, 1e-300 if norm.dtype == np.float64 else SMALLEST, out=norm)
+        if not slopes or norm.dtype != np.float64:
+            np.maximum(norm, 1e-300 if norm.dtype == np.float64 else SMALLEST, out=norm)
         np.sqrt(norm, out=norm)
         np.divide(-1.0 if self.turn % 2 else 1.0, norm, out=norm)
         real = real * norm
         imag = imag * norm
-        height = length = turn_ell = bend = height_zeta = 0.0
-        for n, total in sums.items():
-            inverse = 1.0 / p2[n]
-            part = total * inverse
-            height = height - part
-            if slopes:
-                turn_ell = turn_ell + spreads[n]
-                spread = spreads[n] * inverse
-                bend = bend + spread
-                part = part * (n * n)
-                part -= zeta2 * ell2 * spread
-                part *= inverse
-                height_zeta = height_zeta - part
-            else:
-                length = length - n * part
+        part = sums
+        part *= inverse
+        height = -_total(part)
+        length = turn_ell = bend = height_zeta = 0.0
+        if slopes:
+            turn_ell = _total(spreads)
+            spreads *= inverse
+            bend = _total(spreads)
+            part *= rows.squares[w.dtype.itemsize]
+            spreads *= zeta2 * ell2
+            part -= spreads
+            part *= inverse
+            height_zeta = -_total(part)
+            bend *= ell
+            bend *= zeta
+        else:
+            part *= rows.iors[w.dtype.itemsize]
+            length = -_total(part)
+        height *= zeta
         return Line(
             ell,
             zeta,
-            np.sqrt(p2[self.ior]),
+            np.sqrt(inverse[rows.own]),
             real,
             imag,
-            zeta * height,
+            height,
             length,
             turn_ell,
-            ell * zeta * bend,
+            bend,
             height_zeta,
             eye_inverse,
         )
@@ -440,61 +519,72 @@ class CoaxialPassage:
         return ell, zeta
 
     def step(self, ell, zeta, x, y, z):
-        """One Newton step in both invariants, kept in the domain; and its angle at the eye."""
-        if self.frame.zeta is not None:
-            return self._step_known_zeta(ell, zeta, x, y)
-        line = self.follow(ell, zeta)
+        """One Newton step in both invariants, from within the domain; and its angle at the eye
+        (inf where the start was outside)."""
+        within, outside = self._within(ell, zeta)
+        ell, zeta = within[:2]
+        line = self._follow(*within, True)
         along, side = line.along(x, y)
-        inverse = 1.0 / line.momentum
-        slope = zeta * inverse
-        across = side + ell * inverse
-        rise = line.height + slope * along
-        rise -= z
+        per = line.per
         # The residuals are linear in the target: distance from the line across, and along z.
-        inverse2 = inverse * inverse
-        a = inverse - line.turn_ell * along
-        b = inverse2 * ell
-        b *= slope
-        b -= line.turn_zeta * along
-        tilt = slope * side
-        c = line.turn_zeta + tilt * line.turn_ell
-        d = along * inverse
-        d *= inverse2
-        d *= self.ior * self.ior
-        d += line.height_zeta
-        d += tilt * line.turn_zeta
-        determinant = a * d
-        determinant -= b * c
-        if not determinant.all():
-            determinant = np.where(determinant == 0.0, FLAT, determinant)
-        np.divide(-1.0, determinant, out=determinant)
-        d *= across
-        b *= rise
-        d -= b
-        d *= determinant
-        a *= rise
-        c *= across
-        a -= c
-        a *= determinant
-        new_ell, new_zeta = self.into_domain(ell + d, zeta + a)
-        # The angle at the eye: part along the axis and part across it.
-        eye = inverse if self.eye_ior == self.ior else 1.0 / np.sqrt(self.eye_ior**2 - zeta * zeta)
-        change = np.abs(a)
-        change *= eye
-        d *= line.eye_inverse
-        change += np.abs(d, out=d)
-        change *= self.finer
+        across = ell * per
+        across += side
+        a = line.turn_ell * along
+        np.subtract(per, a, out=a)
+        if self.frame.zeta is not None:
+            if not a.all():
+                a = np.where(a == 0.0, FLAT, a)
+            np.divide(across, a, out=across)
+            new_ell, new_zeta = ell - across, zeta
+            change = np.abs(across, out=across)
+            if self.eye_term is not None:
+                change *= line.eye_inverse
+        else:
+            slope = zeta * per
+            rise = slope * along
+            rise += line.height
+            rise -= z
+            per2 = per * per
+            b = per2 * ell
+            b *= slope
+            b -= line.turn_zeta * along
+            slope *= side
+            c = slope * line.turn_ell
+            c += line.turn_zeta
+            along *= per
+            along *= per2
+            along *= self.ior * self.ior
+            along += line.height_zeta
+            slope *= line.turn_zeta
+            along += slope
+            d = along
+            determinant = a * d
+            determinant -= b * c
+            if not determinant.all():
+                determinant = np.where(determinant == 0.0, FLAT, determinant)
+            np.divide(-1.0, determinant, out=determinant)
+            d *= across
+            b *= rise
+            d -= b
+            d *= determinant
+            a *= rise
+            c *= across
+            a -= c
+            a *= determinant
+            new_ell, new_zeta = ell + d, zeta + a
+            # The angle at the eye: part along the axis and part across it.
+            change = np.abs(a, out=a)
+            if self.eye_ior == self.ior:
+                change *= per
+            else:
+                change /= np.sqrt(self.eye_ior**2 - zeta * zeta)
+            d *= line.eye_inverse
+            change += np.abs(d, out=d)
+        if self.finer != 1.0:
+            change *= self.finer
+        if outside is not None:
+            change[outside] = np.inf
         return new_ell, new_zeta, change
-
-    def _step_known_zeta(self, ell, zeta, x, y):
-        line = self.follow(ell, zeta)
-        along, side = line.along(x, y)
-        a = 1.0 / line.momentum - line.turn_ell * along
-        move = (side + ell / line.momentum) / np.where(a == 0.0, FLAT, a)
-        new_ell, _ = self.into_domain(ell - move, zeta)
-        if self.eye_term is not None:
-            move = move * line.eye_inverse
-        return new_ell, zeta, np.abs(move) * self.finer
 
     def orientation(self, side: int) -> int:
         """Sign of dF/dℓ on a leg for images that no caustic has turned over."""
@@ -504,7 +594,7 @@ class CoaxialPassage:
         """Whether no caustic, or an even number, lies between the eye and each image."""
         line = self.follow(ell, zeta)
         along, side = line.along(x, y)
-        per = 1.0 / line.momentum
+        per = line.per
         tilt = zeta * per
         determinant = (per - line.turn_ell * along) * (
             line.height_zeta + along * self.ior**2 * per**3 + tilt * line.turn_zeta * side
@@ -569,8 +659,8 @@ class CoaxialPassage:
 
         if frame.eye is None:
             line = self.follow(ell, zeta, slopes=False)
-            along, _, _, p = line.misses(x, y, z)
-            level = z - line.height - zeta * along / p
+            along, _ = line.along(x, y)
+            level = z - line.height - zeta * along * line.per
         else:
             level = -self.eye_side * way(self.eye_ior, frame.eye_radius)
         for number, interface in enumerate(self.branch.interfaces):
@@ -592,20 +682,25 @@ class CoaxialPassage:
         frame, scale = self.frame, self.frame.scale
         ell, zeta, *leg = unknowns
         x, y, z = targets
-        if miss > COARSE and self.smooth and not leg:
+        if leg:
+            line = self.follow(ell, zeta, slopes=False)
+        elif miss > COARSE and self.smooth:
             # Lengths and misses then need no more digits than float32 has.
             x, y, z = (part.astype(np.float32) for part in targets)
-            line = self.follow(ell.astype(np.float32), zeta.astype(np.float32), slopes=False)
+            within, _ = self._within(ell.astype(np.float32), zeta.astype(np.float32))
+            line = self._follow(*within, False)
         else:
-            line = self.follow(ell, zeta, slopes=False)
-        along, across, rise, p = line.misses(x, y, z)
-        per = 1.0 / p
+            within, _ = self._within(ell, zeta)
+            ell, zeta = within[:2]
+            line = self._follow(*within, False)
+        along, across, rise = line.misses(x, y, z)
+        per = line.per
         if leg:
             off = ell * per
             along = leg[0] * np.sqrt(np.maximum(x * x + y * y - off * off, 0.0))
         if frame.zeta is not None:
             rise = 0.0  # the ray's height is free in a parallel view, and no matter in a sphere
-        residual = rise * p
+        residual = rise / per
         residual *= 1.0 / self.ior
         residual *= residual
         residual = np.sqrt(across * across + residual)
@@ -643,7 +738,7 @@ class CoaxialPassage:
             return
         line = self.follow(ell[close], zeta[close])
         along, _ = line.along(*(target[close] for target in targets[:2]))
-        slope = np.abs(1.0 / line.momentum - line.turn_ell * along)
+        slope = np.abs(line.per - line.turn_ell * along)
         digit = ROUNDING * self.eye_ior * max(1.0, self.frame.eye_radius or 0.0)
         reach = np.maximum(length[close], 1e-3)
         if self.frame.eye_radius is None:
@@ -680,7 +775,7 @@ class CoaxialPassage:
         off = ell / np.sqrt(self.eye_ior**2 - zeta * zeta)
         foot = [off * b for b in second]
         if not frame.spherical:
-            foot[2] = z - line.height - zeta * along / line.momentum
+            foot[2] = z - line.height - zeta * along * line.per
         position = [
             frame.scale * (f + length * d) for f, d in zip(foot, frame.direction, strict=True)
         ]
@@ -729,12 +824,14 @@ FLAT = 1e-30
 """Stands for a determinant of 0, on a caustic: the step then ends at the edge of the domain."""
 
 
-def _radial(p2, radius2, ell2):
-    """w, kept above 0."""
-    w = p2 * radius2
-    w -= ell2
-    np.maximum(w, SMALLEST if w.dtype == np.float64 else 1e-12, out=w)
-    return np.sqrt(w, out=w)
+def _total(rows):
+    """The sum of the rows, as an array of its own."""
+    if len(rows) == 1:
+        return rows[0].copy()
+    total = rows[0] + rows[1]
+    for row in rows[2:]:
+        total += row
+    return total
 
 
 def _times(real, imag, other_real, other_imag):
@@ -744,23 +841,19 @@ def _times(real, imag, other_real, other_imag):
     return real * other_real - imag * other_imag, real * other_imag + imag * other_real
 
 
-def _add(sums: dict, key: float, value) -> None:
-    sums[key] = sums[key] + value if key in sums else value
-
-
 @dataclass(frozen=True)
 class Line:
     """Where rays run in one stretch: transverse direction, foot, and derivatives.
 
-    `ux`, `uy`: unit transverse direction. `height`, `length`: z and geometric length at the foot
-    (the point nearest the axis). `turn_ell` = ∂ψ/∂ℓ, `turn_zeta` = ∂ψ/∂ζ = ∂height/∂ℓ,
+    `per`: 1/P. `ux`, `uy`: unit transverse direction. `height`, `length`: z and geometric length at
+    the foot (the point nearest the axis). `turn_ell` = ∂ψ/∂ℓ, `turn_zeta` = ∂ψ/∂ζ = ∂height/∂ℓ,
     `height_zeta` = ∂height/∂ζ; `eye_inverse` = 1/w at the eye. `length` is left 0 where slopes were
     asked for, and the slopes where they were not.
     """
 
     ell: Floats
     zeta: Floats
-    momentum: Floats
+    per: Floats
     ux: Floats
     uy: Floats
     height: Floats
@@ -773,10 +866,17 @@ class Line:
     def misses(self, x, y, z):
         """Way from the foot to a target, and its distances from the line across and along z."""
         along, side = self.along(x, y)
-        across = side + self.ell / self.momentum
-        rise = self.height + self.zeta * along / self.momentum - z
-        return along, across, rise, self.momentum
+        across = self.ell * self.per
+        across += side
+        rise = self.zeta * self.per
+        rise *= along
+        rise += self.height
+        rise -= z
+        return along, across, rise
 
     def along(self, x, y):
         """Coordinates of a target along the line and across it."""
-        return self.ux * x + self.uy * y, self.ux * y - self.uy * x
+        along, side = self.ux * x, self.ux * y
+        along += self.uy * y
+        side -= self.uy * x
+        return along, side

@@ -314,7 +314,7 @@ def strays(curves: Curves, targets, known) -> tuple[NDArray[np.intp], ...]:
     solved = [target[index] for target in targets]
     (ell, tilt), steps = newton(passage, [ell, tilt], solved, small=1e-9, most=30)
     line = passage.follow(ell, tilt)
-    along, across, rise, _ = line.misses(*solved)
+    along, across, rise = line.misses(*solved)
     good = (steps <= 30) & (along * curves.side >= 0.0)
     good &= np.abs(across) + np.abs(rise) <= 1e-10 * (1.0 + np.hypot(along, rise + solved[2]))
     good &= ~_same(index, ell, tilt, *known)

@@ -33,30 +33,40 @@ def newton(
     *,
     small: float,
     most: int,
-) -> tuple[list[NDArray], NDArray[np.intp]]:
+) -> tuple[list[NDArray], NDArray[np.int8]]:
     """Newton's steps until the change in angle is below `small`, at most `most` of them.
 
-    Every point stops by itself: its result does not depend on its neighbours. Unknowns are
-    changed in place. Returns them and the number of steps each point took (`most` + 1 where it
-    did not come to rest).
+    Every point stops by itself: its result does not depend on its neighbours. A point whose steps
+    leave the domain again and again (change inf) is given up after `PATIENCE` steps.
+    Returns unknowns and the number of steps each point took (`most` + 1 where it did not come to
+    rest).
     """
-    unknowns = list(unknowns)
-    steps = np.full(len(unknowns[0]), most + 1, dtype=np.intp)
-    index = np.arange(len(steps))
-    values, here = list(unknowns), list(targets)
+    values, here, index = list(unknowns), list(targets), None
+    steps = np.full(len(values[0]), most + 1, dtype=np.int8)
     for number in range(1, most + 1):
+        *values, change = equations.step(*values, *here)
+        going = ~(change < small)
+        moving = np.flatnonzero(going & (change < np.inf) if number >= PATIENCE else going)
+        if index is None:
+            unknowns = list(values)
+            if len(moving) == len(steps):
+                continue
+            np.putmask(steps, ~going, number)
+            index = moving
+        else:
+            for unknown, value in zip(unknowns, values, strict=True):
+                unknown[index] = value
+            steps[index[~going]] = number
+            index = index[moving]
         if not len(index):
             break
-        *values, change = equations.step(*values, *here)
-        moving = ~(change < small)
-        for unknown, value in zip(unknowns, values, strict=True):
-            unknown[index] = value
-        steps[index[~moving]] = number
-        if not moving.all():
-            index = index[moving]
-            values = [value[moving] for value in values]
-            here = [target[moving] for target in here]
+        values = [value[moving] for value in values]
+        here = [target[moving] for target in here]
     return unknowns, steps
+
+
+PATIENCE = 4
+"""Steps after which a point must have come into the domain."""
 
 
 def in_blocks(work: Callable[[slice], None], total: int, size: int = BLOCK) -> None:
