@@ -12,7 +12,6 @@ import bpy
 import numpy as np
 
 from .arrays import write_image
-from .environment import needs_copies
 from .layers import DEPTH_LAYER, Layers, Pane
 from .names import TAG, hidden_name, own
 from .regions import Regions
@@ -241,7 +240,7 @@ class _Group:
         if not self.true_shading:
             return self._drawn(pane, path)
         around = self._layer(self.layers.around, pane.layer(path))
-        if not needs_copies(path, self.around):
+        if not pane.carried(path, self.around):
             return around.outputs["Image"], around.outputs["Alpha"]
         where = self._layer(self.layers.lookup, pane.layer(path))
         split = self._node("CompositorNodeSeparateColor")

@@ -24,7 +24,13 @@ from dataclasses import dataclass
 import bpy
 
 from .. import optics
-from .environment import WORLD_SAMPLES, needs_copies, ray_material, remove_unused_rays
+from .environment import (
+    WORLD_SAMPLES,
+    needs_copies,
+    ray_material,
+    remove_unused_rays,
+    surroundings,
+)
 from .glasses import glass_modifier
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
@@ -52,6 +58,15 @@ class Pane:
     glass: bpy.types.Object
     paths: tuple[optics.LightPath, ...]
     sources: tuple[bpy.types.Object, ...]
+    contents: tuple[bpy.types.Object, ...] = ()
+    """The sources that reach into the glass."""
+
+    def carried(self, path: optics.LightPath, around: str) -> tuple[bpy.types.Object, ...]:
+        """The sources of which displaced copies are shown along the path.
+
+        ``around`` as :func:`environment.surroundings` has it.
+        """
+        return self.sources if needs_copies(path, around) else self.contents
 
     def layer(self, path: optics.LightPath) -> str:
         """Name of the view layer of one path, in both scenes."""
@@ -308,8 +323,7 @@ def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
         (pane.glass.name, path.events, source.session_uid): source
         for pane in panes
         for path in pane.paths
-        if needs_copies(path, around)
-        for source in pane.sources
+        for source in pane.carried(path, around)
     }
     existing = layers.copies()
     # Copies whose source is gone have no key any more.
@@ -363,7 +377,6 @@ def match_settings(
     layers: Layers,
     rect: tuple[int, int, int, int],
     true_shading: bool,
-    around: str,
     importance: dict[str, float] | None = None,
 ) -> None:
     """Give the own scenes the user's camera and render settings.
@@ -372,10 +385,10 @@ def match_settings(
     ----------
     rect : the pixels that any glass covers; nothing else is rendered.
     true_shading : the copies are looked up; else they are drawn shaded only.
-    around : as :func:`environment.surroundings` has it.
     importance : each path layer's part of the light, which decides how many samples it is worth.
     """
     size = render_size(scene)
+    around = surroundings(scene, "TRUE" if true_shading else "DISPLACED")
     for own_scene in layers.all():
         for group in ("render", "cycles", "eevee", "display"):
             lit = own_scene in (layers.displaced, layers.around)
@@ -402,15 +415,16 @@ def match_settings(
         (layers.around, bool(around)),
     ):
         for layer in own_scene.view_layers:
-            # Only the layers of paths without copies are empty.
-            shows = used and (own_scene == layers.around or _shows_copies(layer, around))
+            shows = used and (own_scene == layers.around or not _is_empty(layer))
             if layer.use != shows:
                 layer.use = shows
 
 
-def _shows_copies(layer: bpy.types.ViewLayer, around: str) -> bool:
-    events = layer.name.rpartition(" ")[2]
-    return layer.name == DEPTH_LAYER or needs_copies(optics.LightPath(events), around)
+def _is_empty(layer: bpy.types.ViewLayer) -> bool:
+    """Whether the layer of a path has no copies."""
+    shown = [c.collection for c in layer.layer_collection.children if not c.exclude]
+    copies = [c for c in shown if own(c, "copies")]
+    return bool(copies) and not any(c.objects for c in copies)
 
 
 def _match_around(

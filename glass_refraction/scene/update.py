@@ -40,7 +40,14 @@ from .layers import (
 from .modifier_inputs import write_input
 from .names import RefractiveGlassError, own
 from .regions import Regions, path_regions, picture_rect
-from .sources import Snapshot, is_carried, pieces, seen_through, source_objects
+from .sources import (
+    Snapshot,
+    is_carried,
+    pieces,
+    reaches_into,
+    seen_through,
+    source_objects,
+)
 from .tessellation import Probe, region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
 from .viewpoint import Viewpoint, read_viewpoint
@@ -147,7 +154,9 @@ def prepare(
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
-        panes.append(Pane(obj, paths, tuple(seen_through(obj, sources))))
+        seen = tuple(seen_through(obj, sources))
+        contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
+        panes.append(Pane(obj, paths, seen, contents))
     if not panes:
         raise RefractiveGlassError(" ".join(problems))
     if not any(pane.sources for pane in panes):
@@ -158,11 +167,12 @@ def prepare(
     shading, side = effective_shading(scene), int(settings.lookup_samples)
     around = surroundings(scene, shading)
     layers, anew = build_layers(scene, panes, around)
-    wiring = f"{shading} {side} {around}"
+    filled = [bool(pane.contents) for pane in panes]
+    wiring = f"{shading} {side} {around} {filled}"
     _dress_copies(layers, depsgraph)
     memory_of(scene).status.problems = problems
     covered = _covered(scene, panes, depsgraph, view)
-    match_settings(scene, layers, covered, shading == "TRUE", around)
+    match_settings(scene, layers, covered, shading == "TRUE")
     if anew or not has_group(scene) or layers.lookup.get("refractive_glass_wiring") != wiring:
         counters["structures"] += 1
         insert_group(scene, layers, panes, shading == "TRUE", side, around)
@@ -223,9 +233,8 @@ def update(
             task.update(copies)
     _update_occluders(layers, memory, depsgraph)
     if is_render:
-        shading = effective_shading(scene)
-        around = surroundings(scene, shading)
-        match_settings(scene, layers, _union(rects), shading == "TRUE", around, importance)
+        true_shading = effective_shading(scene) == "TRUE"
+        match_settings(scene, layers, _union(rects), true_shading, importance)
     shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
     memory.status = Status(
         vertices=sum(shape.vertices for shape in shapes),
