@@ -10,6 +10,7 @@ from .lengths import path_lengths
 from .media import MEDIA
 from .paths import LightPath, ParallelView
 from .tracing import TracedRays, trace
+from .tumbler import Tumbler
 from .weights import light_paths, path_weights
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "ParallelView",
     "SphereGlass",
     "TracedRays",
+    "Tumbler",
     "apparent_points",
     "edge_gaps",
     "edges_to_split",

@@ -8,6 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .axial import AxialGlass
+from .axial_images import axial_slots
 from .coaxial import COARSE, CoaxialPassage
 from .flat import FlatPassage
 from .glasses import FlatGlass, Glass
@@ -61,6 +63,18 @@ def apparent_points(
         raise ValueError(f"guess must be for {len(points)} points, not {guess.valid.shape[-1]}")
     finite = _finite(points)
     some = points if finite is None else points[finite]
+    if isinstance(glass, AxialGlass):
+        slots, iterations = axial_slots(glass, path, eye, some, tolerance)
+    else:
+        slots, iterations = _slots(glass, path, eye, some, tolerance, guess, finite)
+    if finite is None:
+        finite = np.ones(len(points), dtype=bool)
+    slots = sorted((slot for slot in slots if slot.valid.any()), key=lambda slot: slot.sheet)
+    return _gather(slots, finite, eye, len(path), iterations)
+
+
+def _slots(glass, path, eye, some, tolerance, guess, finite) -> tuple[list[Slot], int]:
+    """The slots of finite points in all passages of a path, and the most steps."""
     slots, iterations = [], 0
     if isinstance(eye, ParallelView):
         medium, viewpoint = 0, eye
@@ -81,10 +95,7 @@ def apparent_points(
             first = _guessed(guess, passage, finite) if passage.direct else None
             iterations = max(iterations, _find(slots_here, first))
             slots += slots_here.by_key.values()
-    if finite is None:
-        finite = np.ones(len(points), dtype=bool)
-    slots = sorted((slot for slot in slots if slot.valid.any()), key=lambda slot: slot.sheet)
-    return _gather(slots, finite, eye, len(path), iterations)
+    return slots, iterations
 
 
 def _finite(points) -> NDArray[np.bool_] | None:

@@ -19,24 +19,39 @@ class LightPath:
     events : str
         One letter an interface, in order from the eye: ``T`` refracted through, ``R`` reflected.
         Empty: the direct view.
+    interfaces : tuple of str, optional
+        Names of the interfaces met, one an event, for glasses whose interfaces have names
+        (`Tumbler.interfaces`), where the events alone do not tell a path. None: whichever.
 
     Raises
     ------
     ValueError
-        For any other letter.
+        For any other letter, or if `interfaces` are not one name an event.
     """
 
     events: str
+    interfaces: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.events, str) or set(self.events) - {"T", "R"}:
             raise ValueError(f"events must be a string of T and R, not {self.events!r}")
+        if self.interfaces is None:
+            return
+        names = self.interfaces
+        if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+            raise ValueError(f"interfaces must be a tuple of names, not {names!r}")
+        if len(names) != len(self.events):
+            raise ValueError(f"interfaces must be one name an event of {self.events!r}: {names!r}")
+        object.__setattr__(self, "interfaces", tuple(names))
 
     def __len__(self) -> int:
         return len(self.events)
 
     def __str__(self) -> str:
-        return self.events
+        """The events, with the interfaces where they are named: "T outer, T wet, R surface"."""
+        if not self.interfaces:
+            return self.events
+        return ", ".join(" ".join(step) for step in zip(self.events, self.interfaces, strict=True))
 
 
 @dataclass(frozen=True)

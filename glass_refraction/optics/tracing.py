@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .axial import AxialGlass, trace_axial
 from .glasses import CylinderGlass, FlatGlass, Glass
 from .laws import fresnel, reflect, refract
 from .paths import LightPath, as_path
@@ -251,6 +252,8 @@ def trace(
         would meet a face outside its outline or extent does not take the path; one whose first
         meeting is outside misses the glass, which is the path "".
     """
+    if isinstance(glass, AxialGlass):
+        return TracedRays(*trace_axial(glass, origin, direction, path))
     events = as_path(path).events
     rays, proper = start(glass, origin, direction)
     index = np.flatnonzero(proper)

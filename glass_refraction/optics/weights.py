@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .axial import AxialGlass, light_paths_axial, weights_axial
 from .glasses import CylinderGlass, FlatGlass, Glass
 from .paths import LightPath, ParallelView, as_eye, as_path
 from .radial import RadialWeights
@@ -43,8 +44,11 @@ def path_weights(
     rest : (M,)
         1 − the sum of the weights of the distinct paths given.
     """
-    events = [as_path(path).events for path in paths]
+    paths = [as_path(path) for path in paths]
+    events = [path.events for path in paths]
     directions = np.atleast_2d(np.asarray(directions, dtype=float))
+    if isinstance(glass, AxialGlass):
+        return weights_axial(glass, np.asarray(eye, dtype=float), directions, paths)
     total = len(directions)
     origins = np.broadcast_to(np.asarray(eye, dtype=float), (total, 3))
     row = {name: number for number, name in enumerate(dict.fromkeys(events))}
@@ -121,6 +125,8 @@ def light_paths(
     """
     if not min_weight > 0.0:
         raise ValueError(f"min_weight must be positive, not {min_weight!r}")
+    if isinstance(glass, AxialGlass):
+        return light_paths_axial(glass, as_eye(eye), min_weight)
     origins, directions, share = _sample(glass, as_eye(eye))
     rays, _ = start(glass, origins, directions)
     hits = meet(glass, rays).inside

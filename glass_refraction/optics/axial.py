@@ -1,0 +1,413 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glasses whose interfaces are symmetric round the z axis and end somewhere: rays through them.
+
+The way of a ray is decided by meeting the nearest interface, whichever that is; the events alone
+("TTTT") do not tell it. A path here is an ordered list of (interface, event).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .laws import fresnel
+from .paths import LightPath, ParallelView, as_path
+from .solver import in_blocks
+from .surfaces import Cylinder, Floats, Plane, Rays, Viewpoint
+
+Steps = tuple[tuple[str, str], ...]
+"""Interfaces met and what happened there, in order from the eye."""
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A named piece of surface between the media in front of it and behind it.
+
+    `opaque`: a ray that meets it takes no path.
+    """
+
+    name: str
+    surface: Cylinder | Plane
+    front: int
+    back: int
+    opaque: bool = False
+
+    def beyond(self, medium: int) -> int:
+        return self.front if medium == self.back else self.back
+
+
+class AxialGlass:
+    """What glasses of revolution share. Lengths of interfaces are in units of `scale`."""
+
+    @property
+    def scale(self) -> float:
+        """The unit of length of all interfaces, metres."""
+        raise NotImplementedError
+
+    @property
+    def media(self) -> tuple[float, ...]:
+        """The ior of every medium; 0 are the surroundings."""
+        raise NotImplementedError
+
+    @property
+    def interfaces(self) -> tuple[Interface, ...]:
+        """All interfaces, in units of `scale`."""
+        raise NotImplementedError
+
+    @property
+    def hull(self) -> tuple[float, float, float]:
+        """Radius, lower and upper end of a cylinder round all of it, in units of `scale`."""
+        raise NotImplementedError
+
+    def sure(self, medium: int, left: str | None, met: str | None) -> bool:
+        """Whether a stretch between two interfaces can meet no other one before.
+
+        `left`, `met`: names, None at the eye or after the last event.
+        """
+        return False
+
+    def medium_at(self, points: Floats) -> NDArray[np.intp]:
+        """Index of the medium that holds each point (..., 3)."""
+        raise NotImplementedError
+
+    def holds(self, medium: int, points: Floats) -> NDArray[np.bool_]:
+        """Which points (N, 3) lie in a medium, its interfaces included."""
+        raise NotImplementedError
+
+    def named(self, name: str) -> Interface:
+        """The interface of this name; ValueError if there is none."""
+        for interface in self.interfaces:
+            if interface.name == name:
+                return interface
+        names = ", ".join(interface.name for interface in self.interfaces)
+        raise ValueError(f"interfaces must be of {names}, not {name!r}")
+
+    def around(self, medium: int) -> tuple[tuple[int, Interface], ...]:
+        """The interfaces of a medium, numbered."""
+        return tuple(
+            (number, interface)
+            for number, interface in enumerate(self.interfaces)
+            if medium in (interface.front, interface.back)
+        )
+
+
+def steps_of(path: LightPath) -> Steps:
+    """(interface, event) of a path that names its interfaces."""
+    return tuple(zip(path.interfaces, path.events, strict=True))
+
+
+def path_of(steps: Steps) -> LightPath:
+    return LightPath("".join(step[1] for step in steps), tuple(step[0] for step in steps))
+
+
+class Wanted:
+    """Which of some paths a list of steps begins or is; paths without interfaces match any."""
+
+    def __init__(self, glass: AxialGlass, paths: Iterable[LightPath]) -> None:
+        self.paths = tuple(paths)
+        for path in self.paths:
+            for name in path.interfaces or ():
+                glass.named(name)
+        self._begun: dict[Steps, bool] = {}
+
+    def _matches(self, path: LightPath, steps: Steps) -> bool:
+        if not path.events.startswith("".join(step[1] for step in steps)):
+            return False
+        return path.interfaces is None or steps_of(path)[: len(steps)] == steps
+
+    def begun(self, steps: Steps) -> bool:
+        """Whether any of the paths begins with these steps."""
+        if steps not in self._begun:
+            self._begun[steps] = any(self._matches(path, steps) for path in self.paths)
+        return self._begun[steps]
+
+    def complete(self, steps: Steps) -> tuple[int, ...]:
+        """Numbers of the paths that are these steps."""
+        return tuple(
+            number
+            for number, path in enumerate(self.paths)
+            if len(path) == len(steps) and self._matches(path, steps)
+        )
+
+
+@dataclass
+class Group:
+    """Rays that met the same interfaces so far: `medium`, numbers, part of the light, length."""
+
+    steps: Steps
+    medium: int
+    rays: Rays
+    index: NDArray[np.intp]
+    weight: Floats
+    length: Floats
+
+
+def start(glass: AxialGlass, origin: ArrayLike, direction: ArrayLike) -> list[Group]:
+    """Groups of the proper rays (finite, with a direction), one a medium."""
+    direction = np.atleast_2d(np.asarray(direction, dtype=float))
+    origin = np.broadcast_to(np.asarray(origin, dtype=float), direction.shape)
+    largest = np.abs(direction).max(axis=-1, initial=0.0)
+    proper = np.isfinite(largest) & (largest > 0.0) & np.isfinite(origin).all(axis=-1)
+    index = np.flatnonzero(proper)
+    direction = direction[index] / largest[index, None]
+    direction = direction / np.sqrt(np.sum(direction * direction, axis=-1, keepdims=True))
+    origin = origin[index]
+    medium = glass.medium_at(origin)
+    groups = []
+    for number in np.unique(medium):
+        some = np.flatnonzero(medium == number)
+        momentum = direction[some] * glass.media[number]
+        rays = Rays(tuple(origin[some].T / glass.scale), tuple(momentum.T))
+        count = len(some)
+        groups.append(Group((), int(number), rays, index[some], np.ones(count), np.zeros(count)))
+    return groups
+
+
+def nearest(glass: AxialGlass, medium: int, rays: Rays) -> tuple[NDArray[np.intp], Floats]:
+    """Number of the interface that each ray meets next, −1 for none, and the way to it."""
+    met = np.full(len(rays.place[0]), -1, dtype=np.intp)
+    least = np.full(len(met), np.inf)
+    for number, interface in glass.around(medium):
+        way, ahead = interface.surface.meet(rays, interface.back == medium)
+        closer = np.flatnonzero(ahead & (way < least))
+        if not len(closer):
+            continue
+        some = rays.take(closer)
+        inside = interface.surface.within(*some.at(way[closer]))
+        closer = closer[inside]
+        met[closer], least[closer] = number, way[closer]
+    return met, np.where(met >= 0, np.maximum(least, 0.0), 0.0)
+
+
+def follow(
+    glass: AxialGlass,
+    groups: list[Group],
+    onward: Callable[[Steps, Floats], NDArray[np.bool_] | None],
+) -> Iterator[Group]:
+    """Every way of the rays through the glass, as groups of rays that meet nothing further.
+
+    `onward` tells, of the light that arrives after some steps, which rays to follow on (None: no).
+    """
+    stack = list(groups)
+    while stack:
+        group = stack.pop()
+        met, way = nearest(glass, group.medium, group.rays)
+        if group.medium == 0:
+            ends = np.flatnonzero(met < 0)
+            if len(ends):
+                yield Group(
+                    group.steps,
+                    0,
+                    group.rays.take(ends),
+                    group.index[ends],
+                    group.weight[ends],
+                    group.length[ends],
+                )
+        ior = glass.media[group.medium]
+        for number, interface in glass.around(group.medium):
+            here = np.flatnonzero(met == number)
+            if interface.opaque or not len(here):
+                continue
+            back = interface.back == group.medium
+            beyond = interface.beyond(group.medium)
+            rays, ways = group.rays.take(here), way[here]
+            reflected = _reflectance(interface.surface, rays, ways, ior, glass.media[beyond])
+            for event in "TR":
+                steps = (*group.steps, (interface.name, event))
+                weight = group.weight[here] * (reflected if event == "R" else 1.0 - reflected)
+                keep = onward(steps, weight)
+                if keep is None:
+                    continue
+                gain = None if event == "R" else glass.media[beyond] ** 2 - ior**2
+                after, possible = interface.surface.pass_by(rays, ways, back, gain)
+                keep = np.flatnonzero(keep & possible)
+                if len(keep):
+                    stack.append(
+                        Group(
+                            steps,
+                            group.medium if event == "R" else beyond,
+                            after.take(keep),
+                            group.index[here[keep]],
+                            weight[keep],
+                            (group.length[here] + ways * ior)[keep],
+                        )
+                    )
+
+
+def _reflectance(surface, rays: Rays, way, ior: float, beyond: float) -> Floats:
+    normal = surface.normal(*rays.at(way))
+    towards = sum(p * n for p, n in zip(rays.momentum, normal, strict=True))
+    return fresnel(towards / ior, ior / beyond)
+
+
+def follow_paths(glass: AxialGlass, groups: list[Group], paths: Iterable[LightPath]):
+    """The complete ways that are among some paths: (numbers of the paths, group)."""
+    wanted = Wanted(glass, paths)
+
+    def onward(steps, weight):
+        return np.ones(len(weight), dtype=bool) if wanted.begun(steps) else None
+
+    for group in follow(glass, groups, onward):
+        numbers = wanted.complete(group.steps)
+        if numbers:
+            yield numbers, group
+
+
+def trace_axial(glass: AxialGlass, origin: ArrayLike, direction: ArrayLike, path) -> tuple:
+    """`origin`, `direction`, `length` and `valid` of `TracedRays`."""
+    directions = np.atleast_2d(np.asarray(direction, dtype=float))
+    shape = directions.shape
+    origins = np.array(np.broadcast_to(np.asarray(origin, dtype=float), shape))
+    bad = ~(np.isfinite(origins).all(axis=-1) & np.isfinite(directions).all(axis=-1))
+    origins[bad] = 0.0
+    directions = np.where(bad[:, None] | ~directions.any(axis=-1)[:, None], (0.0, 0, 1), directions)
+    directions = directions / np.abs(directions).max(axis=-1, keepdims=True)
+    directions = directions / np.sqrt(np.sum(directions**2, axis=-1, keepdims=True))
+    lengths, valid = np.zeros(shape[0]), np.zeros(shape[0], dtype=bool)
+    path = as_path(path)
+    for _, group in follow_paths(glass, start(glass, origin, direction), (path,)):
+        if path.events:
+            origins[group.index] = np.stack(group.rays.place, axis=-1) * glass.scale
+            momentum = np.stack(group.rays.momentum, axis=-1)
+            size = np.sqrt(np.sum(momentum * momentum, axis=-1, keepdims=True))
+            directions[group.index] = momentum / size
+            lengths[group.index] = group.length * glass.scale
+        valid[group.index] = True
+    return origins, directions, lengths, valid
+
+
+def weights_axial(glass: AxialGlass, eye: Floats, directions: Floats, paths) -> tuple:
+    """Weights (len(paths), M) of paths, and the part of the light (M,) that takes none."""
+    paths, total = tuple(paths), len(directions)
+    origins = np.broadcast_to(eye, (total, 3))
+    found, rest = np.zeros((len(paths), total)), np.ones(total)
+
+    def work(block: slice) -> None:
+        groups = start(glass, origins[block], directions[block])
+        for numbers, group in follow_paths(glass, groups, paths):
+            index = group.index + block.start
+            rest[index] -= group.weight
+            for number in numbers:
+                found[number, index] += group.weight
+
+    in_blocks(work, total)
+    return found, np.clip(rest, 0.0, 1.0)
+
+
+LONGEST = 16
+"""Events of the longest path looked at."""
+
+
+def viewpoint(glass: AxialGlass, eye: Floats | ParallelView) -> Viewpoint:
+    """An eye in units of `scale`."""
+    if isinstance(eye, ParallelView):
+        return Viewpoint(None, eye.direction, 0)
+    return Viewpoint(
+        tuple(float(part) for part in eye / glass.scale), None, int(glass.medium_at(eye))
+    )
+
+
+def first_rays(glass: AxialGlass, view: Viewpoint, places: tuple) -> tuple[Rays, Floats]:
+    """Rays from a viewpoint to places, (M,) each, and the ways to these."""
+    ior = glass.media[view.medium]
+    if view.parallel:
+        # They start on a plane in front of everything.
+        dx, dy, dz = view.direction
+        radius, low, high = glass.hull
+        ahead = places[0] * dx + places[1] * dy + places[2] * dz
+        away = ahead + radius + abs(low) + abs(high) + 1.0
+        begin = tuple(q - away * d for q, d in zip(places, view.direction, strict=True))
+        same = np.ones_like(ahead)
+        return Rays(begin, (ior * dx * same, ior * dy * same, ior * dz * same)), away / ior
+    towards = tuple(q - e for q, e in zip(places, view.eye, strict=True))
+    distance = np.sqrt(sum(part * part for part in towards))
+    safe = np.where(distance > 0.0, distance, 1.0)
+    same = np.ones_like(distance)
+    momentum = tuple(np.where(distance > 0.0, part / safe, 0.6) * ior for part in towards)
+    return Rays(tuple(e * same for e in view.eye), momentum), distance / ior
+
+
+def sample_rays(glass: AxialGlass, view: Viewpoint, rows: int, columns: int) -> tuple[Rays, Floats]:
+    """Rays that cover all that a viewpoint sees of the glass, and their shares of the picture."""
+    parts, shares = [], []
+    for number, interface in glass.around(view.medium):
+        patch = interface.surface.sample(view, interface.back == view.medium)
+        if patch is None or interface.opaque:
+            continue
+        grid = np.stack(
+            np.meshgrid(
+                *((np.arange(count) + 0.5) / count for count in (rows, columns)), indexing="ij"
+            ),
+            axis=-1,
+        ).reshape(-1, 2)
+        places = patch.places(grid)
+        rays, way = first_rays(glass, view, places)
+        met, _ = nearest(glass, view.medium, rays)
+        seen = np.flatnonzero(met == number)
+        # The patch's own area, as the parallelogram of small steps.
+        small = 1e-3
+        one, other = (
+            [(a - b) / small for a, b in zip(patch.places(grid + step), places, strict=True)]
+            for step in ((small, 0.0), (0.0, small))
+        )
+        across = np.cross(np.stack(one, axis=-1), np.stack(other, axis=-1))
+        facing = np.abs(np.sum(across * np.stack(rays.momentum, axis=-1), axis=-1))
+        share = facing if view.parallel else facing / np.maximum(way, LEAST_WAY) ** 2
+        parts.append(rays.take(seen))
+        shares.append(share[seen] / (rows * columns))
+    if not parts:
+        return Rays(*((np.zeros(0),) * 3 for _ in range(2))), np.zeros(0)
+    joined = (
+        tuple(np.concatenate([getattr(part, name)[axis] for part in parts]) for axis in range(3))
+        for name in ("place", "momentum")
+    )
+    return Rays(*joined), np.concatenate(shares)
+
+
+LEAST_WAY = 1e-6
+"""Distance, in units of `scale`, below which an eye on the glass counts as this far from it."""
+
+
+def _sample_group(glass: AxialGlass, view: Viewpoint, size: int) -> tuple[Group, Floats]:
+    rays, share = sample_rays(glass, view, size, size)
+    count = len(share)
+    group = Group((), view.medium, rays, np.arange(count), np.ones(count), np.zeros(count))
+    return group, share
+
+
+def light_paths_axial(glass: AxialGlass, eye, min_weight: float) -> tuple[LightPath, ...]:
+    """The paths that carry more than `min_weight`, the largest mean weight first."""
+    view = viewpoint(glass, eye)
+    group, share = _sample_group(glass, view, SAMPLES)
+
+    def onward(steps, weight):
+        if len(steps) > LONGEST or not (weight > min_weight).any():
+            return None
+        return weight > 0.1 * min_weight
+
+    means: dict[Steps, float] = {}
+    peaks: dict[Steps, float] = {}
+    for end in follow(glass, [group], onward):
+        if end.steps:
+            means[end.steps] = float(np.sum(share[end.index] * end.weight))
+            peaks[end.steps] = float(end.weight.max())
+    kept = [steps for steps, peak in peaks.items() if peak > min_weight]
+    kept.sort(key=lambda steps: (-means[steps], len(steps), steps))
+    return tuple(path_of(steps) for steps in kept)
+
+
+SAMPLES = 80
+"""Rows and columns of rays on every interface that the eye sees."""
+
+
+@lru_cache(maxsize=64)
+def realisations(glass: AxialGlass, eye: tuple | ParallelView, events: str) -> tuple[Steps, ...]:
+    """The lists of interfaces that rays from an eye meet with these events."""
+    view = viewpoint(glass, eye if isinstance(eye, ParallelView) else np.array(eye))
+    group, _ = _sample_group(glass, view, SAMPLES)
+    found = {end.steps for _, end in follow_paths(glass, [group], (LightPath(events),))}
+    return tuple(sorted(found))

@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One path through a glass of revolution: its rays by their unknowns, and Newton's method on them.
+
+A ray is told by its direction at the eye, a unit vector (in a parallel view: by where it crosses
+the plane through the origin). Newton's steps are taken in the plane tangent to it, so that no
+direction is special: neither along the axis nor through it. A target q, seen on a stretch whose
+line runs through o with momentum p, leaves e = q − o − t p; with A and B the slopes of o + t p by
+the two unknowns, the step is
+
+    δa = (e × B) · p / D,  δb = (A × e) · p / D,  D = (A × B) · p,
+
+and D = 0 on caustics. D is positive as long as the image is upright (a mirror turns it over).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .axial import AxialGlass, Steps, viewpoint
+from .surfaces import LEAST, SKIN, Floats, Rays
+
+Unknowns = tuple[Floats, Floats, Floats]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a path does at one interface, as numbers."""
+
+    surface: object
+    back: bool
+    gain: float | None
+    number: int
+
+
+@dataclass
+class Course:
+    """A path as one bundle of rays takes it.
+
+    `lines`: the rays on each stretch. `ways`: to the interface at the end of each (along the
+    momentum). `lengths`: geometric, to the begin of each stretch. `exists`: the ray meets all
+    the interfaces looked at, these being endless.
+    """
+
+    lines: list[Rays]
+    ways: list[Floats]
+    lengths: list[Floats | float]
+    exists: NDArray[np.bool_]
+
+
+class Passage:
+    """A path through a glass from one viewpoint; lengths in units of `glass.scale`."""
+
+    def __init__(self, glass: AxialGlass, eye, steps: Steps) -> None:
+        self.glass, self.steps = glass, steps
+        self.view = viewpoint(glass, eye)
+        medium = self.view.medium
+        stages, media = [], [medium]
+        for name, event in steps:
+            interface = glass.named(name)
+            if interface.opaque or medium not in (interface.front, interface.back):
+                stages = None
+                break
+            number = glass.interfaces.index(interface)
+            beyond = interface.beyond(medium)
+            gain = None if event == "R" else glass.media[beyond] ** 2 - glass.media[medium] ** 2
+            stages.append(Stage(interface.surface, interface.back == medium, gain, number))
+            medium = medium if event == "R" else beyond
+            media.append(medium)
+        self.possible = stages is not None and medium == 0
+        self.stages = tuple(stages or ())
+        self.media = tuple(media)
+        self.ior = glass.media[self.view.medium]
+        if self.view.parallel:
+            direction = np.array(self.view.direction)
+            self.basis = _basis(*direction)
+            self.away = 2.0 + 2.0 * sum(abs(end) for end in glass.hull)
+
+    def mirrored(self, stretch: int) -> bool:
+        """Whether an odd number of mirrors lies before a stretch."""
+        return sum(event == "R" for _, event in self.steps[:stretch]) % 2 == 1
+
+    # ---- rays ---------------------------------------------------------------------------
+
+    def begin(self, unknowns: Unknowns, slopes: bool) -> Rays:
+        """The rays at the eye."""
+        n = self.ior
+        if not self.view.parallel:
+            momentum = tuple(n * part for part in unknowns)
+            tilts = _basis(*unknowns) if slopes else ()
+            return Rays(
+                self.view.eye,
+                momentum,
+                tuple((0.0, 0.0, 0.0, *(n * part for part in tilt)) for tilt in tilts),
+            )
+        direction = self.view.direction
+        begin = tuple(u - self.away * d for u, d in zip(unknowns, direction, strict=True))
+        same = np.ones_like(unknowns[0])
+        tilts = self.basis if slopes else ()
+        return Rays(
+            begin,
+            tuple(n * part * same for part in direction),
+            tuple((*(part * same for part in tilt), 0.0, 0.0, 0.0) for tilt in tilts),
+        )
+
+    def line(self, unknowns: Unknowns, stretch: int) -> tuple[Rays, NDArray[np.bool_]]:
+        """The rays on one stretch, with slopes, and which of them come so far."""
+        rays = self.begin(unknowns, True)
+        exists = np.ones(len(unknowns[0]), dtype=bool)
+        for stage in self.stages[:stretch]:
+            way, ahead = stage.surface.meet(rays, stage.back)
+            rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain)
+            exists &= ahead & possible
+        return rays, exists
+
+    def course(self, unknowns: Unknowns) -> Course:
+        """The rays on every stretch, without slopes."""
+        # Rays that do not exist may overflow.
+        with np.errstate(all="ignore"):
+            return self._course(unknowns)
+
+    def _course(self, unknowns: Unknowns) -> Course:
+        rays = self.begin(unknowns, False)
+        exists = np.ones(len(unknowns[0]), dtype=bool)
+        lines, ways, lengths, length = [rays], [], [0.0], 0.0
+        for stage, medium in zip(self.stages, self.media, strict=False):
+            way, ahead = stage.surface.meet(rays, stage.back)
+            rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain)
+            exists &= ahead & possible
+            length = length + way * self.glass.media[medium]
+            lines.append(rays)
+            ways.append(way)
+            lengths.append(length)
+        ways.append(np.full(len(exists), np.inf))
+        return Course(lines, ways, lengths, exists)
+
+    def taken(self, course: Course) -> NDArray[np.bool_]:
+        """Which rays take the whole path: every interface is met within its ends, and first."""
+        with np.errstate(all="ignore"):
+            return self._taken(course)
+
+    def _taken(self, course: Course) -> NDArray[np.bool_]:
+        taken = course.exists.copy()
+        for number, (line, way) in enumerate(zip(course.lines, course.ways, strict=True)):
+            last = number == len(self.stages)
+            if not last:
+                after = course.lines[number + 1]
+                taken &= self.stages[number].surface.within(*after.place)
+            left = self.steps[number - 1][0] if number else None
+            met = None if last else self.steps[number][0]
+            if self.glass.sure(self.media[number], left, met) or not taken.any():
+                continue
+            some = np.flatnonzero(taken)
+            blocked = self._blocked(number, last, line, way, some)
+            taken[some[blocked]] = False
+        return taken
+
+    def _blocked(self, number: int, last: bool, line: Rays, way, some) -> NDArray[np.bool_]:
+        """Which of some rays meet another interface on a stretch before its end."""
+        medium = self.media[number]
+        shape = way.shape
+        rays = Rays(
+            *(
+                tuple(np.broadcast_to(part, shape)[some] for part in parts)
+                for parts in (line.place, line.momentum)
+            )
+        )
+        end = way[some]
+        blocked = np.zeros(len(some), dtype=bool)
+        for other, interface in self.glass.around(medium):
+            if not last and other == self.stages[number].number:
+                continue
+            before, ahead = interface.surface.meet(rays, interface.back == medium)
+            hits = ahead & (before < end - SKIN)
+            if hits.any():
+                blocked |= hits & interface.surface.within(*rays.at(before))
+        return blocked
+
+    # ---- images -------------------------------------------------------------------------
+
+    def move(self, unknowns: Unknowns, first, second) -> Unknowns:
+        """Unknowns after steps along the two directions of their tangent plane."""
+        one, other = self.basis if self.view.parallel else _basis(*unknowns)
+        moved = tuple(
+            u + first * a + second * b for u, a, b in zip(unknowns, one, other, strict=True)
+        )
+        return moved if self.view.parallel else unit(moved)
+
+    def step(self, unknowns: Unknowns, targets, stretch: int):
+        """Newton's step (δa, δb), D, and which rays exist."""
+        rays, exists = self.line(unknowns, stretch)
+        n2 = self.glass.media[self.media[stretch]] ** 2
+        o, p = rays.place, rays.momentum
+        e = [q - part for q, part in zip(targets, o, strict=True)]
+        way = (e[0] * p[0] + e[1] * p[1] + e[2] * p[2]) * (1.0 / n2)
+        e = [part - way * tilt for part, tilt in zip(e, p, strict=True)]
+        a, b = ([slope[axis] + way * slope[axis + 3] for axis in range(3)] for slope in rays.slopes)
+        # p × a, of which all three triple products need one
+        cross = _cross(p, a)
+        determinant = cross[0] * b[0] + cross[1] * b[1] + cross[2] * b[2]
+        inverse = 1.0 / np.where(determinant == 0.0, LEAST, determinant)
+        second = (cross[0] * e[0] + cross[1] * e[1] + cross[2] * e[2]) * inverse
+        cross = _cross(b, p)
+        first = (cross[0] * e[0] + cross[1] * e[1] + cross[2] * e[2]) * inverse
+        return first, second, determinant, exists
+
+    def solve(self, unknowns: Unknowns, anchor: Unknowns, targets, stretch, *, small, most):
+        """Newton's steps from `unknowns`, halved where they leave the rays that exist.
+
+        `anchor`: unknowns of rays that exist, for starts that do not.
+        Returns the unknowns, D there, steps taken, and which came to rest.
+        """
+        count = len(targets[0])
+        result = tuple(part.copy() for part in unknowns)
+        determinant = np.ones(count)
+        steps = np.full(count, most, dtype=np.intp)
+        rests = np.zeros(count, dtype=bool)
+        index = np.arange(count)
+        here, good, aims = unknowns, anchor, targets
+        for number in range(1, most + 1):
+            if not len(index):
+                break
+            # Rays that do not exist may overflow; they are put back below.
+            with np.errstate(all="ignore"):
+                first, second, bend, exists = self.step(here, aims, stretch)
+                size = np.sqrt(first * first + second * second)
+            exists &= np.isfinite(size)
+            factor = np.where(exists, np.minimum(1.0, LARGEST / np.fmax(size, LARGEST)), 0.0)
+            if not exists.all():
+                first, second = np.where(exists, first, 0.0), np.where(exists, second, 0.0)
+            moved = self.move(here, first * factor, second * factor)
+            if not exists.all():
+                # Half way back to the last rays that exist.
+                for new, old, last in zip(moved, here, good, strict=True):
+                    np.copyto(new, 0.5 * (old + last), where=~exists)
+                if not self.view.parallel:
+                    moved = unit(moved)
+                good = tuple(
+                    np.where(exists, new, old) for new, old in zip(here, good, strict=True)
+                )
+            else:
+                good = here
+            done = exists & (size < small)
+            for whole, part in zip(result, moved, strict=True):
+                whole[index] = part
+            determinant[index] = bend
+            rests[index[done]] = True
+            steps[index[done]] = number
+            if done.any():
+                going = np.flatnonzero(~done)
+                index = index[going]
+                moved, good, aims = (
+                    tuple(part[going] for part in parts) for parts in (moved, good, aims)
+                )
+            here = moved
+        return result, determinant, steps, rests
+
+
+LARGEST = 0.5
+"""Longest step, radians (or outer radii in a parallel view)."""
+
+
+def unit(vectors) -> Unknowns:
+    """Vectors by components, of length 1."""
+    x, y, z = vectors
+    per = 1.0 / np.sqrt(x * x + y * y + z * z)
+    return x * per, y * per, z * per
+
+
+def _cross(one, other):
+    return (
+        one[1] * other[2] - one[2] * other[1],
+        one[2] * other[0] - one[0] * other[2],
+        one[0] * other[1] - one[1] * other[0],
+    )
+
+
+def _basis(x, y, z):
+    """Two unit vectors that make a right-handed frame with the unit vector (x, y, z) last.
+
+    T. Duff et al., Building an Orthonormal Basis, Revisited (2017): without branches.
+    """
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Interfaces that are symmetric round the z axis, and what a ray does at them.
+
+Rays are followed by their optical momentum p = n·d: a cylinder keeps p_z, a plane across the axis
+keeps p_x and p_y, and every one of them keeps |p| = n of the medium. So a refraction costs one
+square root. Along with a ray its *slopes* can be carried, the derivatives of place and momentum by
+the two unknowns of the ray at the eye (ray differentials: H. Igehy, Tracing Ray Differentials,
+1999); that gives Newton's method its Jacobian and tells where caustics lie.
+
+Every interface has a *front* and a *back*: outside and inside of a cylinder, above and below a
+plane. A ray comes from the side of the medium it runs in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SKIN = 1e-12
+"""How far behind its start, in outer radii, a ray may still meet an interface (rounding)."""
+
+LEAST = 1e-150
+"""Stands for a divisor of 0; what it divides is no ray's and is thrown away."""
+
+
+@dataclass
+class Rays:
+    """Rays by components: place (x, y, z), momentum (px, py, pz), each (M,) or a number.
+
+    `slopes`: derivatives of the six by each unknown, as tuples; empty where none are wanted.
+    """
+
+    place: tuple
+    momentum: tuple
+    slopes: tuple = ()
+
+    def at(self, way) -> tuple:
+        """Places after a way t along the momentum (geometric length t·n)."""
+        return tuple(o + way * p for o, p in zip(self.place, self.momentum, strict=True))
+
+    def take(self, which) -> Rays:
+        """Some of the rays, without slopes."""
+        return Rays(
+            tuple(part[which] for part in self.place),
+            tuple(part[which] for part in self.momentum),
+        )
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A wall: radius, and its ends in z (`low` excluded where `open_below`)."""
+
+    radius: float
+    low: float
+    high: float
+    open_below: bool = False
+
+    def meet(self, rays: Rays, back: bool) -> tuple[Floats, Flags]:
+        """The way to the interface, whatever its ends (0 where it is not ahead), and whether it is
+        ahead."""
+        x, y, _ = rays.place
+        px, py, _ = rays.momentum
+        p2 = np.maximum(px * px + py * py, LEAST)
+        ell = x * py - y * px
+        square = p2 * self.radius**2 - ell * ell
+        root = np.sqrt(np.maximum(square, 0.0))
+        outward = x * px + y * py
+        size = np.sqrt(x * x + y * y)
+        beyond = (size - self.radius) * (size + self.radius)
+        # The two roots' product is beyond / p²: neither is a difference of large numbers.
+        if back:
+            far = root + np.abs(outward)
+            way = np.where(outward > 0.0, -beyond / np.maximum(far, LEAST), far / p2)
+            ahead = square > 0.0
+        else:
+            way = beyond / np.maximum(root - outward, LEAST)
+            ahead = (square > 0.0) & (outward < 0.0)
+        ahead &= way >= -SKIN
+        return np.where(ahead, way, 0.0), ahead
+
+    def within(self, x, y, z) -> Flags:
+        """Which places on the cylinder lie between its ends."""
+        return ((z > self.low) if self.open_below else (z >= self.low)) & (z <= self.high)
+
+    def normal(self, x, y, z) -> tuple:
+        """Unit normal towards the front."""
+        per = 1.0 / self.radius
+        return x * per, y * per, np.zeros_like(x)
+
+    def pass_by(self, rays: Rays, way, back: bool, gain: float | None) -> tuple[Rays, Flags]:
+        """Rays behind the interface: `gain` = n'² − n² where refracted, None where reflected.
+
+        Also which of them are not totally reflected; the others run along the interface.
+        """
+        px, py, pz = rays.momentum
+        x, y, z = rays.at(way)
+        before = x * px + y * py
+        per = 1.0 / self.radius**2
+        after, turned, possible = _behind(before, gain, self.radius**2)
+        change = (after - before) * per
+        inverse = 1.0 / np.where(before == 0.0, LEAST, before)
+        slopes = []
+        for dx, dy, dz, dpx, dpy, dpz in rays.slopes:
+            dx = dx + way * dpx
+            dy = dy + way * dpy
+            dz = dz + way * dpz
+            more = -(x * dx + y * dy) * inverse
+            dx = dx + more * px
+            dy = dy + more * py
+            dz = dz + more * pz
+            rise = dx * px + dy * py
+            rise += x * dpx
+            rise += y * dpy
+            rise *= (turned - 1.0) * per
+            slopes.append(
+                (dx, dy, dz, dpx + rise * x + change * dx, dpy + rise * y + change * dy, dpz)
+            )
+        return Rays((x, y, z), (px + change * x, py + change * y, pz), tuple(slopes)), possible
+
+    def sample(self, start: Viewpoint, back: bool) -> Patch | None:
+        """The part that rays of a viewpoint can meet, as a rectangle (azimuth, height)."""
+        if start.parallel:
+            px, py, _ = start.direction
+            if np.hypot(px, py) < 1e-12:
+                return None
+            middle, half = np.arctan2(-py, -px), 0.5 * np.pi
+        else:
+            x, y, _ = start.eye
+            away = float(np.hypot(x, y))
+            middle = np.arctan2(y, x) if away > 0.0 else 0.0
+            if away <= self.radius:
+                if not back:
+                    return None
+                half = 0.0
+            else:
+                half = np.arccos(self.radius / away)
+        low, high = middle - half, middle + half
+        if back:
+            low, high = high, low + 2.0 * np.pi
+        return Patch(self, (low, self.low), (high, self.high))
+
+    def place(self, azimuth, height) -> tuple:
+        """Places of a patch's coordinates."""
+        return self.radius * np.cos(azimuth), self.radius * np.sin(azimuth), height
+
+    def middle_line(self, patch: Patch, along, count: int) -> Floats:
+        """Shares of a patch at the azimuths of `along` and against it."""
+        return azimuth_lines(patch, along, count)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane across the axis: its height, and the ring of radii that belongs to it."""
+
+    height: float
+    inner: float
+    outer: float
+
+    def meet(self, rays: Rays, back: bool) -> tuple[Floats, Flags]:
+        pz = rays.momentum[2]
+        towards = pz > 0.0 if back else pz < 0.0
+        way = (self.height - rays.place[2]) / np.where(towards, pz, 1.0)
+        ahead = towards & (way >= -SKIN) & (way < 1e100)
+        return np.where(ahead, way, 0.0), ahead
+
+    def within(self, x, y, z) -> Flags:
+        radius2 = x * x + y * y
+        inside = radius2 <= self.outer**2
+        return inside & (radius2 >= self.inner**2) if self.inner else inside
+
+    def normal(self, x, y, z) -> tuple:
+        none = np.zeros_like(x)
+        return none, none, none + 1.0
+
+    def pass_by(self, rays: Rays, way, back: bool, gain: float | None) -> tuple[Rays, Flags]:
+        px, py, pz = rays.momentum
+        x, y, _ = rays.at(way)
+        after, turned, possible = _behind(pz, gain, 1.0)
+        inverse = 1.0 / np.where(pz == 0.0, LEAST, pz)
+        slopes = []
+        for dx, dy, dz, dpx, dpy, dpz in rays.slopes:
+            more = -(dz + way * dpz) * inverse
+            dx = dx + way * dpx + more * px
+            dy = dy + way * dpy + more * py
+            slopes.append((dx, dy, np.zeros_like(dx), dpx, dpy, dpz * turned))
+        return Rays((x, y, self.height + 0.0 * x), (px, py, after), tuple(slopes)), possible
+
+    def sample(self, start: Viewpoint, back: bool) -> Patch | None:
+        if start.parallel:
+            rise = start.direction[2]
+            seen = rise > 0.0 if back else rise < 0.0
+        else:
+            rise = start.eye[2] - self.height
+            seen = rise < 0.0 if back else rise >= 0.0
+        ends = (-self.outer, -self.outer), (self.outer, self.outer)
+        return Patch(self, *ends) if seen else None
+
+    def place(self, x, y) -> tuple:
+        return x, y, np.full_like(x, self.height)
+
+    def middle_line(self, patch: Patch, along, count: int) -> Floats:
+        reach = np.linspace(-0.5, 0.5, count)[:, None]
+        return (0.5 + reach * np.asarray(along))[None]
+
+
+def azimuth_lines(patch: Patch, along, count: int) -> Floats:
+    """Shares of a patch (azimuth, other) at the azimuths of `along` and against it."""
+    first = np.arctan2(along[1], along[0])
+    span = patch.high[0] - patch.low[0]
+    lines = []
+    for azimuth in (first, first + np.pi):
+        share = np.mod(azimuth - patch.low[0], 2.0 * np.pi) / span if span else 2.0
+        if share <= 1.0:
+            line = np.full((count, 2), share)
+            line[:, 1] = np.linspace(0.0, 1.0, count)
+            lines.append(line)
+    return np.array(lines).reshape(-1, count, 2)
+
+
+def _behind(before, gain, scale):
+    """The part of the momentum across an interface behind it (times √scale), how it changes with
+    that before it, and where there is any."""
+    if gain is None:
+        return -before, -1.0, True
+    square = before * before + gain * scale
+    root = np.sqrt(np.maximum(square, LEAST))
+    after = np.copysign(root, before)
+    return after, before / after, square > 0.0
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where rays start: `eye` (3,), or None in a parallel view along `direction`; outer radii."""
+
+    eye: tuple | None
+    direction: tuple | None
+    medium: int
+
+    @property
+    def parallel(self) -> bool:
+        return self.eye is None
+
+
+@dataclass(frozen=True)
+class Patch:
+    """The rectangle of an interface's coordinates in which a viewpoint's rays first meet it."""
+
+    surface: Cylinder | Plane
+    low: tuple[float, float]
+    high: tuple[float, float]
+
+    def places(self, share) -> tuple:
+        """Places (x, y, z) at shares (..., 2) of the rectangle, 0 to 1."""
+        first = self.low[0] + (self.high[0] - self.low[0]) * share[..., 0]
+        second = self.low[1] + (self.high[1] - self.low[1]) * share[..., 1]
+        return self.surface.place(first, second)
+
+    def middle_line(self, along, count: int) -> Floats:
+        """Shares of places in the plane through the axis along `along` (2,), (K, count, 2)."""
+        return self.surface.middle_line(self, along, count)
