@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from .arrays import write_image
-from .layers import DEPTH_LAYER, ENVIRONMENT_LAYER, Layers, Pane
+from .layers import DEPTH_LAYER, Layers, Pane
 from .names import TAG, hidden_name, own
 from .regions import Regions
 from .viewpoint import Viewpoint
@@ -26,7 +26,12 @@ _VALUES = "refractive_glass_values"
 
 
 def insert_group(
-    scene: bpy.types.Scene, layers: Layers, panes: list[Pane], true_shading: bool, subdivision: int
+    scene: bpy.types.Scene,
+    layers: Layers,
+    panes: list[Pane],
+    true_shading: bool,
+    subdivision: int,
+    around: str,
 ) -> None:
     """Put the extension's node group behind the scene's Render Layers node.
 
@@ -37,7 +42,7 @@ def insert_group(
     tree = scene.compositing_node_group
     if tree is None:
         tree = _plain_tree(scene)
-    group = _Group(scene, layers, panes, true_shading, subdivision).tree
+    group = _Group(scene, layers, panes, true_shading, subdivision, around).tree
     render_layers = _render_layers(scene, tree)
     if render_layers is None:
         bpy.data.node_groups.remove(group)
@@ -53,7 +58,7 @@ def insert_group(
     tree.links.new(render_layers.outputs["Alpha"], node.inputs["Alpha"])
     for socket in fed:
         tree.links.new(node.outputs["Image"], socket)
-    for number, own_scene in enumerate(layers.all()):
+    for number, own_scene in enumerate(layers.rendered()):
         # Blender 5.0 renders another scene only if the tree itself, not a group in it, asks.
         asking = tree.nodes.new("CompositorNodeRLayers")
         asking[TAG] = "asking"
@@ -95,11 +100,13 @@ def write_weights(
     """Write a glass's path weights into the images that the node group reads."""
     x0, y0, x1, y1 = view.window
     weights = regions.full(regions.weights, view.size)[:, y0:y1, x0:x1]
-    rest = np.clip(1.0 - weights.sum(axis=0), 0.0, 1.0) if fresnel else np.zeros(weights.shape[1:])
-    planes = [*weights, rest]
-    for number in range(0, len(planes), CHANNELS):
+    if fresnel:
+        # Light of the paths that were left out comes from where that of the others does.
+        total = weights.sum(axis=0)
+        weights = weights / np.where(total > 0, total, 1.0)
+    for number in range(0, len(weights), CHANNELS):
         pixels = np.ones((y1 - y0, x1 - x0, 4), np.float32)
-        for channel, plane in enumerate(planes[number : number + CHANNELS]):
+        for channel, plane in enumerate(weights[number : number + CHANNELS]):
             pixels[..., channel] = plane
         write_image(weight_image(scene, pane, number // CHANNELS), pixels)
 
@@ -173,8 +180,10 @@ def _spline_inverse(half: int = 8) -> np.ndarray:
 class _Group:
     """Builds the node group: one method a part of the sum."""
 
-    def __init__(self, scene, layers: Layers, panes, true_shading: bool, subdivision: int) -> None:
-        self.scene, self.layers = scene, layers
+    def __init__(
+        self, scene, layers: Layers, panes, true_shading: bool, subdivision: int, around: str
+    ) -> None:
+        self.scene, self.layers, self.around = scene, layers, around
         self.true_shading, self.subdivision = true_shading, subdivision
         self.tree = bpy.data.node_groups.new(
             hidden_name("composite", scene.name), "CompositorNodeTree"
@@ -192,7 +201,6 @@ class _Group:
             # Map UV's bicubic is a B-spline, which blurs; with the picture turned into its
             # coefficients first it goes through the pixels (Unser 1999).
             self.direct = self._convolved(self.direct, self._kernel("spline", _spline_inverse()))
-        self.environment = self._layer(layers.displaced, ENVIRONMENT_LAYER)
         for pane in panes:
             colour, alpha = self._through(pane, colour, alpha)
         end = self._node("NodeGroupOutput")
@@ -201,21 +209,16 @@ class _Group:
     def _through(self, pane: Pane, colour, alpha):
         """The picture with one more glass in it."""
         weights = []
-        for number in range(0, len(pane.paths) + 1, CHANNELS):
+        for number in range(0, len(pane.paths), CHANNELS):
             image = self._node("CompositorNodeImage")
             image.image = weight_image(self.scene, pane, number // CHANNELS)
             split = self._node("CompositorNodeSeparateColor")
             self._link(image.outputs["Image"], split.inputs[0])
             weights += list(split.outputs)[:CHANNELS]
-        seen_colour = self._scaled(self.environment.outputs["Image"], weights[len(pane.paths)])
-        seen_alpha = self._math(
-            "MULTIPLY", self.environment.outputs["Alpha"], weights[len(pane.paths)]
-        )
         # What no path brings is dark, not transparent.
-        dark = self._math("SUBTRACT", 1.0, weights[0])
-        for weight in weights[1 : len(pane.paths) + 1]:
-            dark = self._math("SUBTRACT", dark, weight)
-        seen_alpha = self._math("ADD", seen_alpha, dark)
+        seen_colour, seen_alpha = (0.0, 0.0, 0.0), 1.0
+        for weight in weights[: len(pane.paths)]:
+            seen_alpha = self._math("SUBTRACT", seen_alpha, weight)
         for path, weight in zip(pane.paths, weights, strict=False):
             path_colour, path_alpha = self._path(pane, path)
             seen_colour = self._vector("ADD", seen_colour, self._scaled(path_colour, weight))
@@ -234,9 +237,11 @@ class _Group:
 
     def _path(self, pane: Pane, path):
         """Colour and alpha of what is seen along one light path."""
-        drawn = self._layer(self.layers.displaced, pane.layer(path))
         if not self.true_shading:
-            return drawn.outputs["Image"], drawn.outputs["Alpha"]
+            return self._drawn(pane, path)
+        around = self._layer(self.layers.around, pane.layer(path))
+        if not pane.carried(path, self.around):
+            return around.outputs["Image"], around.outputs["Alpha"]
         where = self._layer(self.layers.lookup, pane.layer(path))
         split = self._node("CompositorNodeSeparateColor")
         self._link(self._subdivided(where.outputs["Image"]), split.inputs[0])
@@ -252,9 +257,21 @@ class _Group:
         found = self._brought_down(self._scaled(looked_up, shown))
         share = self._brought_down(shown)
         missing = self._math("SUBTRACT", 1.0, share)
-        colour = self._vector("ADD", found, self._scaled(drawn.outputs["Image"], missing))
-        alpha = self._math("ADD", share, self._math("MULTIPLY", drawn.outputs["Alpha"], missing))
+        colour = self._vector("ADD", found, self._scaled(around.outputs["Image"], missing))
+        alpha = self._math("ADD", share, self._math("MULTIPLY", around.outputs["Alpha"], missing))
         return colour, alpha
+
+    def _drawn(self, pane: Pane, path):
+        """The copies as shaded where they are drawn, and what they leave uncovered."""
+        drawn = self._layer(self.layers.displaced, pane.layer(path))
+        colour, alpha = drawn.outputs["Image"], drawn.outputs["Alpha"]
+        if not self.around:
+            return colour, alpha
+        around = self._layer(self.layers.around, pane.layer(path))
+        uncovered = self._math("SUBTRACT", 1.0, alpha)
+        colour = self._vector("ADD", colour, self._scaled(around.outputs["Image"], uncovered))
+        behind = self._math("MULTIPLY", around.outputs["Alpha"], uncovered)
+        return colour, self._math("ADD", alpha, behind)
 
     def _shown_in_direct(self, place, inverse_depth, alpha):
         """1 where the direct picture shows the place itself, not something before it."""
@@ -336,8 +353,11 @@ class _Group:
 
     def _vector(self, operation: str, first, second):
         node = self._node("ShaderNodeVectorMath", operation=operation)
-        self._link(first, node.inputs[0])
-        self._link(second, node.inputs[1])
+        for slot, value in enumerate((first, second)):
+            if isinstance(value, bpy.types.NodeSocket):
+                self._link(value, node.inputs[slot])
+            else:
+                node.inputs[slot].default_value = value
         return node.outputs[0]
 
     def _math(self, operation: str, first, second=None):

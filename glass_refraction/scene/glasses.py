@@ -16,6 +16,8 @@ from .visibility import rendered_objects
 
 # Blender's transforms are float32: differences up to this are rounding, not shear.
 _RIGID_TOLERANCE = 1e-4
+# What goes less deep into a glass than this, relative to its size, stands against it.
+_TOUCHING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,22 @@ class Glass:
     def direction_to_local(self, directions: np.ndarray) -> np.ndarray:
         """World directions (..., 3) in the glass's frame."""
         return np.asarray(directions, float) @ self.to_world[:3, :3]
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """(N,) which world points lie within the outer surface; what only touches it does not."""
+        local, description = self.to_local(points), self.description
+        if isinstance(description, optics.FlatGlass):
+            z, thickness = local[:, 2], sum(description.thickness)
+            low, high = np.min(description.outline, axis=0), np.max(description.outline, axis=0)
+            within = np.all((local[:, :2] > low) & (local[:, :2] < high), axis=1)
+            skin = _TOUCHING * thickness
+            return within & (z < -skin) & (z > skin - thickness)
+        inside = description.distance_from_axis(local) < description.radius[0] * (1 - _TOUCHING)
+        if isinstance(description, optics.CylinderGlass):
+            low, high = description.extent
+            skin = _TOUCHING * (high - low)
+            inside &= (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
+        return inside
 
     def points_to_world(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the glass's frame in the world."""

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The extension's own scenes, view layers and collections, in which the copies are rendered.
 
-Three scenes belong to a user's scene:
+Four scenes belong to a user's scene:
 
 * *lookup*: Cycles, one sample at each pixel's exact centre. One view layer a glass and light path,
   showing the copies with a material that emits where their true place is in the direct picture;
   and one with the depth of the direct picture.
 * *mask*: Cycles, nothing but coverage. One view layer a glass: where it is not hidden.
 * *displaced*: the user's engine and lights. One view layer a glass and light path, showing the
-  copies shaded where they are drawn; and one with the environment alone.
+  copies shaded where they are drawn.
+* *around*: Cycles. One view layer a glass and light path, showing what the path's rays meet after
+  they left the glass: the world, or the world and the user's own objects and lamps.
 
 A compositor renders other scenes at the size of its own, whatever their own size is.
 Nothing is added to the user's own view layers or collections.
@@ -16,11 +18,20 @@ Nothing is added to the user's own view layers or collections.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import bpy
 
 from .. import optics
+from .environment import (
+    WORLD_SAMPLES,
+    needs_copies,
+    ray_material,
+    remove_unused_rays,
+    surroundings,
+)
+from .glasses import glass_modifier
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
 from .regions import FILTER_WIDTH
@@ -28,14 +39,12 @@ from .shaders import depth_material, lookup_material, mask_material
 from .sources import is_carried
 from .texture_coordinates import remove_unused
 from .viewpoint import render_size
+from .visibility import rendered_objects
 
-FALLBACK_SHARE = 8
-"""In TRUE shading the displaced copies take this part of the scene's samples."""
 MASK_SAMPLES = 32
 """Of the outlines; they cost next to nothing."""
-ROLES = ("lookup", "mask", "displaced")
+ROLES = ("lookup", "mask", "displaced", "around")
 DEPTH_LAYER = "depth"
-ENVIRONMENT_LAYER = "environment"
 
 _KEY = "refractive_glass_key"
 _GLASS = "refractive_glass_name"
@@ -49,6 +58,15 @@ class Pane:
     glass: bpy.types.Object
     paths: tuple[optics.LightPath, ...]
     sources: tuple[bpy.types.Object, ...]
+    contents: tuple[bpy.types.Object, ...] = ()
+    """The sources that reach into the glass."""
+
+    def carried(self, path: optics.LightPath, around: str) -> tuple[bpy.types.Object, ...]:
+        """The sources of which displaced copies are shown along the path.
+
+        ``around`` as :func:`environment.surroundings` has it.
+        """
+        return self.sources if needs_copies(path, around) else self.contents
 
     def layer(self, path: optics.LightPath) -> str:
         """Name of the view layer of one path, in both scenes."""
@@ -66,10 +84,15 @@ class Layers:
     lookup: bpy.types.Scene
     mask: bpy.types.Scene
     displaced: bpy.types.Scene
+    around: bpy.types.Scene
 
     def all(self) -> tuple[bpy.types.Scene, ...]:
-        """All three."""
-        return (self.lookup, self.mask, self.displaced)
+        """All four."""
+        return (self.lookup, self.mask, self.displaced, self.around)
+
+    def rendered(self) -> tuple[bpy.types.Scene, ...]:
+        """Those of which any view layer is rendered."""
+        return tuple(s for s in self.all() if any(layer.use for layer in s.view_layers))
 
     def copies(self) -> dict[tuple[str, str, int], bpy.types.Object]:
         """(glass name, path events, source's session uid) -> copy."""
@@ -95,6 +118,16 @@ class Layers:
                 return collection.objects[0]
         raise KeyError(glass_name)
 
+    def screen(self, glass_name: str, path: optics.LightPath) -> bpy.types.Object:
+        """The object that sends a path's rays on from where they leave the glass."""
+        for collection in self.around.collection.children:
+            if own(collection, "screen") and (collection[_GLASS], collection[_PATH]) == (
+                glass_name,
+                path.events,
+            ):
+                return collection.objects[0]
+        raise KeyError((glass_name, path.events))
+
 
 def source_of(copy: bpy.types.Object) -> bpy.types.Object | None:
     """The object that a copy or occluder shows."""
@@ -111,10 +144,11 @@ def find_layers(scene: bpy.types.Scene) -> Layers | None:
     return Layers(**found) if len(found) == len(ROLES) else None
 
 
-def build_layers(scene: bpy.types.Scene, panes: list[Pane]) -> tuple[Layers, bool]:
+def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tuple[Layers, bool]:
     """Make the own scenes show exactly these glasses, paths and sources.
 
-    Returns the layers and whether they were made anew (node trees must then follow).
+    ``around`` as :func:`environment.surroundings` has it. Returns the layers and whether they were
+    made anew (node trees must then follow).
     """
     key = repr([(p.glass.name, [path.events for path in p.paths]) for p in panes])
     layers = find_layers(scene)
@@ -122,10 +156,20 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane]) -> tuple[Layers, boo
     if anew:
         remove_layers(scene)
         layers = Layers(**{role: _own_scene(scene, role) for role in ROLES})
-        _make_layers(layers, panes)
+        _make_layers(scene, layers, panes)
         layers.lookup[_KEY] = key
-    _match_sources(layers, panes)
-    _match_lights(scene, layers)
+    _match_sources(layers, panes, around)
+    lamps = {o for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
+    _match_linked(_child(layers.displaced, "lights"), lamps)
+    shown = {o for o in rendered_objects(scene.view_layers[0]) if glass_modifier(o) is None}
+    _match_linked(_child(layers.around, "shown"), shown if around == "ALL" else set())
+    for view_layer in layers.around.view_layers:
+        for child in _layer_collections(view_layer):
+            screen = child.collection
+            another = f"{screen.get(_GLASS)} {screen.get(_PATH)}" != view_layer.name
+            hidden = own(screen, "screen") and another
+            if child.exclude != hidden:
+                child.exclude = hidden
     for own_scene in layers.all():
         for view_layer in own_scene.view_layers:
             _synchronise(view_layer)
@@ -139,6 +183,7 @@ def remove_layers(scene: bpy.types.Scene) -> None:
             if candidate.get(_GLASS) == scene.name or candidate.get(_GLASS) not in bpy.data.scenes:
                 _remove_scene(candidate)
     remove_unused()
+    remove_unused_rays()
     for material in [m for m in bpy.data.materials if own(m) and m.users == 0]:
         bpy.data.materials.remove(material)
     for name in (COPY_GROUP, OCCLUDER_GROUP):
@@ -170,7 +215,7 @@ def _own_scene(scene: bpy.types.Scene, role: str) -> bpy.types.Scene:
     return made
 
 
-def _make_layers(layers: Layers, panes: list[Pane]) -> None:
+def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane]) -> None:
     lookup, displaced = layers.lookup, layers.displaced
     occluders = _new_collection("occluders", lookup, layers.mask)
     _new_collection("lights", displaced)
@@ -188,13 +233,14 @@ def _make_layers(layers: Layers, panes: list[Pane]) -> None:
             made[_GLASS], made[_PATH] = pane.glass.name, path.events
             copies[pane.layer(path)] = made
 
+    _make_around(scene, layers.around, panes)
     first = lookup.view_layers[0]
     first.name = DEPTH_LAYER
     first.material_override = depth_material()
     _show_only(first, occluders)
-    first = displaced.view_layers[0]
-    first.name = ENVIRONMENT_LAYER
-    _show_only(first)
+    names = [pane.layer(path) for pane in panes for path in pane.paths]
+    _name_layers(displaced, names)
+    _name_layers(layers.around, names)
     for number, pane in enumerate(panes):
         mask = layers.mask.view_layers[0] if number == 0 else None
         mask = mask or layers.mask.view_layers.new(pane.mask_layer)
@@ -206,8 +252,29 @@ def _make_layers(layers: Layers, panes: list[Pane]) -> None:
             layer = lookup.view_layers.new(pane.layer(path))
             layer.material_override = lookup_material()
             _show_only(layer, copies[pane.layer(path)])
-            layer = displaced.view_layers.new(pane.layer(path))
+            layer = displaced.view_layers[pane.layer(path)]
             _show_only(layer, copies[pane.layer(path)], _child(displaced, "lights"))
+
+
+def _make_around(scene: bpy.types.Scene, around: bpy.types.Scene, panes: list[Pane]) -> None:
+    _new_collection("shown", around)
+    for pane in panes:
+        mesh = bpy.data.meshes.new(hidden_name("screen", pane.glass.name))
+        mesh.materials.append(None)
+        for path in pane.paths:
+            screen = _new_collection("screen", around)
+            screen[_GLASS], screen[_PATH] = pane.glass.name, path.events
+            obj = _new_object("screen", mesh, screen, pane.glass.name, path.events)
+            for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+                setattr(obj, f"visible_{kind}", False)
+            obj.material_slots[0].link = "OBJECT"
+            obj.material_slots[0].material = ray_material(scene, pane.glass.name, path.events)
+
+
+def _name_layers(own_scene: bpy.types.Scene, names: list[str]) -> None:
+    for number, name in enumerate(names):
+        layer = own_scene.view_layers[0] if number == 0 else own_scene.view_layers.new(name)
+        layer.name = name
 
 
 def _new_collection(role: str, *scenes: bpy.types.Scene) -> bpy.types.Collection:
@@ -250,13 +317,13 @@ def _new_object(role: str, mesh: bpy.types.Mesh, collection, *parts: str) -> bpy
     return obj
 
 
-def _match_sources(layers: Layers, panes: list[Pane]) -> None:
+def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
     """One copy a glass, path and source, and one occluder a source; the others go."""
     wanted = {
         (pane.glass.name, path.events, source.session_uid): source
         for pane in panes
         for path in pane.paths
-        for source in pane.sources
+        for source in pane.carried(path, around)
     }
     existing = layers.copies()
     # Copies whose source is gone have no key any more.
@@ -274,7 +341,7 @@ def _match_sources(layers: Layers, panes: list[Pane]) -> None:
             ):
                 _new_carrier("copy", COPY_GROUP, source, collection)
 
-    seen = {source.session_uid: source for source in wanted.values()}
+    seen = {source.session_uid: source for pane in panes for source in pane.sources}
     collection = _child(layers.lookup, "occluders")
     for obj in list(collection.objects):
         source = source_of(obj)
@@ -294,21 +361,23 @@ def _new_carrier(role: str, group: str, source: bpy.types.Object, collection) ->
         write_input(modifier, "Carried", is_carried(source))
 
 
-def _match_lights(scene: bpy.types.Scene, layers: Layers) -> None:
-    """The displaced copies are lit by the user's own lights."""
-    lights = _child(layers.displaced, "lights")
-    wanted = {o for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
-    for light in [o for o in lights.objects if o not in wanted]:
-        lights.objects.unlink(light)
-        if light.users == 0:
+def _match_linked(collection: bpy.types.Collection, wanted: set[bpy.types.Object]) -> None:
+    """Link exactly these of the user's own objects to the collection."""
+    for obj in [o for o in collection.objects if o not in wanted]:
+        collection.objects.unlink(obj)
+        if obj.users == 0:
             # Deleted by the user, who could not know that this collection still held it.
-            bpy.data.objects.remove(light)
-    for light in wanted - set(lights.objects):
-        lights.objects.link(light)
+            bpy.data.objects.remove(obj)
+    for obj in wanted - set(collection.objects):
+        collection.objects.link(obj)
 
 
 def match_settings(
-    scene: bpy.types.Scene, layers: Layers, rect: tuple[int, int, int, int], true_shading: bool
+    scene: bpy.types.Scene,
+    layers: Layers,
+    rect: tuple[int, int, int, int],
+    true_shading: bool,
+    importance: dict[str, float] | None = None,
 ) -> None:
     """Give the own scenes the user's camera and render settings.
 
@@ -316,11 +385,14 @@ def match_settings(
     ----------
     rect : the pixels that any glass covers; nothing else is rendered.
     true_shading : the copies are looked up; else they are drawn shaded only.
+    importance : each path layer's part of the light, which decides how many samples it is worth.
     """
     size = render_size(scene)
+    around = surroundings(scene, "TRUE" if true_shading else "DISPLACED")
     for own_scene in layers.all():
         for group in ("render", "cycles", "eevee", "display"):
-            if hasattr(scene, group) and (own_scene == layers.displaced or group == "render"):
+            lit = own_scene in (layers.displaced, layers.around)
+            if hasattr(scene, group) and (lit or group == "render"):
                 _copy_properties(getattr(scene, group), getattr(own_scene, group))
         own_scene.camera = scene.camera
         own_scene.frame_current = scene.frame_current
@@ -330,19 +402,53 @@ def match_settings(
             render.use_border, render.use_crop_to_border = True, False
             render.border_min_x, render.border_max_x = rect[0] / size[0], rect[2] / size[0]
             render.border_min_y, render.border_max_y = rect[1] / size[1], rect[3] / size[1]
-    layers.displaced.world = scene.world
-    if true_shading and scene.render.engine == "CYCLES":
-        # Only slivers that the direct picture does not show come from here.
-        layers.displaced.cycles.samples = max(1, scene.cycles.samples // FALLBACK_SHARE)
-    for layer in layers.displaced.view_layers:
-        if layer.name == ENVIRONMENT_LAYER:
-            # The world alone has no noise.
-            layer.samples = 1
+    layers.displaced.world = layers.around.world = scene.world
+    if around:
+        # What the copies leave uncovered comes from the scene around.
+        layers.displaced.render.film_transparent = True
+    _match_around(scene, layers.around, around, importance or {})
     _emission_only(layers.lookup, samples=1, filter_width=0.01)
     _emission_only(layers.mask, samples=MASK_SAMPLES, filter_width=FILTER_WIDTH)
-    for layer in layers.lookup.view_layers:
-        if layer.use != true_shading:
-            layer.use = true_shading
+    for own_scene, used in (
+        (layers.lookup, true_shading),
+        (layers.displaced, not true_shading),
+        (layers.around, bool(around)),
+    ):
+        for layer in own_scene.view_layers:
+            shows = used and (own_scene == layers.around or not _is_empty(layer))
+            if layer.use != shows:
+                layer.use = shows
+
+
+def _is_empty(layer: bpy.types.ViewLayer) -> bool:
+    """Whether the layer of a path has no copies."""
+    shown = [c.collection for c in layer.layer_collection.children if not c.exclude]
+    copies = [c for c in shown if own(c, "copies")]
+    return bool(copies) and not any(c.objects for c in copies)
+
+
+def _match_around(
+    scene: bpy.types.Scene, around: bpy.types.Scene, mode: str, importance: dict[str, float]
+) -> None:
+    """Cycles, with as many samples of each path as its part of the light is worth."""
+    around.render.engine = "CYCLES"
+    around.render.use_motion_blur = False
+    cycles = around.cycles
+    samples = scene.cycles.samples
+    if scene.render.engine != "CYCLES":
+        samples = scene.eevee.taa_render_samples
+        cycles.pixel_filter_type = "BLACKMAN_HARRIS"
+        cycles.filter_width = max(scene.render.filter_size, 0.01)
+    cycles.samples = samples
+    cycles.use_layer_samples = "USE"
+    # The way through the screen counts as a transparent bounce.
+    cycles.transparent_max_bounces = scene.cycles.transparent_max_bounces + 2
+    for layer in around.view_layers:
+        if mode == "ALL":
+            share = importance.get(layer.name, 1.0)
+            layer.samples = max(1, math.ceil(samples * share))
+        else:
+            layer.samples = min(samples, WORLD_SAMPLES)
 
 
 def _emission_only(own_scene: bpy.types.Scene, samples: int, filter_width: float) -> None:

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from .arrays import affine, positions
-from .glasses import glass_modifier
+from .glasses import Glass, glass_modifier
 from .modifier_inputs import read_input
 from .names import own
 from .visibility import rendered_objects
@@ -65,6 +65,13 @@ def seen_through(
         return sources
     members = {obj.session_uid for obj in collection.all_objects}
     return [obj for obj in sources if obj.session_uid in members]
+
+
+def reaches_into(glass: Glass, source: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether any vertex of the source lies within the glass's outer surface."""
+    with pieces(source, depsgraph) as parts:
+        points = world_positions(parts)
+    return len(points) > 0 and bool(glass.holds(points).any())
 
 
 def is_carried(source: bpy.types.Object) -> bool:

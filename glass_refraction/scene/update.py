@@ -25,6 +25,7 @@ from .appearance import Appearance, Search, Solver, Source
 from .changes import generation
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
 from .copies import write_copy, write_true_mesh
+from .environment import surroundings, write_rays, write_screen
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
 from .layers import (
@@ -39,7 +40,14 @@ from .layers import (
 from .modifier_inputs import write_input
 from .names import RefractiveGlassError, own
 from .regions import Regions, path_regions, picture_rect
-from .sources import Snapshot, is_carried, pieces, seen_through, source_objects
+from .sources import (
+    Snapshot,
+    is_carried,
+    pieces,
+    reaches_into,
+    seen_through,
+    source_objects,
+)
 from .tessellation import Probe, region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
 from .viewpoint import Viewpoint, read_viewpoint
@@ -146,7 +154,9 @@ def prepare(
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
-        panes.append(Pane(obj, paths, tuple(seen_through(obj, sources))))
+        seen = tuple(seen_through(obj, sources))
+        contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
+        panes.append(Pane(obj, paths, seen, contents))
     if not panes:
         raise RefractiveGlassError(" ".join(problems))
     if not any(pane.sources for pane in panes):
@@ -154,21 +164,24 @@ def prepare(
             f'Glass "{panes[0].glass.name}": nothing can be seen through it; add a mesh that is '
             "visible in renders (and in its Seen Through collection)"
         )
-    layers, anew = build_layers(scene, panes)
     shading, side = effective_shading(scene), int(settings.lookup_samples)
-    wiring = f"{shading} {side}"
+    around = surroundings(scene, shading)
+    layers, anew = build_layers(scene, panes, around)
+    filled = [bool(pane.contents) for pane in panes]
+    wiring = f"{shading} {side} {around} {filled}"
+    _dress_copies(layers, depsgraph)
+    memory_of(scene).status.problems = problems
+    covered = _covered(scene, panes, depsgraph, view)
+    match_settings(scene, layers, covered, shading == "TRUE")
     if anew or not has_group(scene) or layers.lookup.get("refractive_glass_wiring") != wiring:
         counters["structures"] += 1
-        insert_group(scene, layers, panes, shading == "TRUE", side)
+        insert_group(scene, layers, panes, shading == "TRUE", side, around)
         layers.lookup["refractive_glass_wiring"] = wiring
         memory = memory_of(scene)
         memory.regions.clear()
         memory.copies.clear()
     memory_of(scene).still = None
-    _dress_copies(layers, depsgraph)
-    memory_of(scene).status.problems = problems
     write_kernels()
-    match_settings(scene, layers, _covered(scene, panes, depsgraph, view), shading == "TRUE")
 
 
 def remove(scene: bpy.types.Scene) -> None:
@@ -206,6 +219,7 @@ def update(
     panes = _standing_panes(scene, layers, depsgraph, problems)
     copies = layers.copies()
     rects = []
+    importance: dict[str, float] = {}
     for pane, glass in panes:
         try:
             regions = _update_regions(scene, memory, pane, glass, view, layers)
@@ -213,12 +227,14 @@ def update(
             problems.append(str(error))
             continue
         rects.append(regions.rect)
+        importance |= {pane.layer(path): regions.importance(path) for path in pane.paths}
         for path in pane.paths:
             task = _Task(scene, memory, pane, glass, path, view, regions, depsgraph, exact)
             task.update(copies)
     _update_occluders(layers, memory, depsgraph)
     if is_render:
-        match_settings(scene, layers, _union(rects), effective_shading(scene) == "TRUE")
+        true_shading = effective_shading(scene) == "TRUE"
+        match_settings(scene, layers, _union(rects), true_shading, importance)
     shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
     memory.status = Status(
         vertices=sum(shape.vertices for shape in shapes),
@@ -301,7 +317,8 @@ def _standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pa
 
 def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layers) -> Regions:
     fresnel = scene.refractive_glass.surface == "GLASS"
-    stamp = (glass.stamp(), view.stamp(), pane.paths, fresnel)
+    around = surroundings(scene, effective_shading(scene))
+    stamp = (glass.stamp(), view.stamp(), pane.paths, fresnel, around)
     known = memory.regions.get(pane.glass.name)
     if known is not None and known[0] == stamp:
         return known[1]
@@ -310,8 +327,18 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
     counters["mask_pixels"] += regions.hit.size
     write_weights(scene, pane, regions, view, fresnel)
     _write_hull(layers.hull(pane.glass.name), glass, view)
+    if around:
+        _write_rays(scene, layers, pane, glass, view, regions)
     memory.regions[pane.glass.name] = (stamp, regions)
     return regions
+
+
+def _write_rays(scene, layers: Layers, pane: Pane, glass: Glass, view, regions: Regions) -> None:
+    for number, path in enumerate(pane.paths):
+        screen = layers.screen(pane.glass.name, path)
+        if number == 0:
+            write_screen(screen.data, view, regions, 1.1 * scene.camera.data.clip_start)
+        write_rays(screen.material_slots[0].material, glass, view, path, regions)
 
 
 def _write_hull(hull: bpy.types.Object, glass: Glass, view: Viewpoint) -> None:

@@ -7,7 +7,7 @@ import pytest
 import scenes
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.layers import find_layers
+from glass_refraction.scene.layers import ROLES, find_layers
 from glass_refraction.scene.names import RefractiveGlassError, own
 
 
@@ -178,7 +178,7 @@ def test_renamed_things_stay_together():
     _update()
     glass.name, wall.name, scene.name = "Cup", "Backdrop", "Still Life"
     _update()
-    assert len([s for s in bpy.data.scenes if own(s)]) == 3
+    assert len([s for s in bpy.data.scenes if own(s)]) == len(ROLES)
     assert len(find_layers(scene).copies()) == 1
 
 
