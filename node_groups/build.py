@@ -10,7 +10,7 @@ from pathlib import Path
 
 import bpy
 
-from . import copy, glass, occluder
+from . import baked, copy, glass, occluder
 
 ASSETS = Path(__file__).with_name("refractive_glass.blend")
 
@@ -18,7 +18,7 @@ ASSETS = Path(__file__).with_name("refractive_glass.blend")
 def build(path: Path = ASSETS) -> Path:
     """Build every group into ``path``; the modifier is marked as an asset. Returns the path."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    groups = {module.build() for module in (glass, copy, occluder)}
+    groups = {module.build() for module in (glass, copy, occluder, baked)}
     modifier = next(g for g in groups if g.name == glass.NAME)
     modifier.asset_mark()
     modifier.asset_data.description = "Shows what stands behind and in the glass, refracted"

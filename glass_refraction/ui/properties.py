@@ -82,6 +82,12 @@ class SceneSettings(bpy.types.PropertyGroup):
         default="3",
         update=_changed,
     )
+    bake_directory: bpy.props.StringProperty(
+        name="Bake Folder",
+        description="Where baked frames are written; empty for a folder beside the file",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+    )
 
 
 CLASSES = (SceneSettings,)

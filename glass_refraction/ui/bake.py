@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators that bake and free, and what the panel shows of it."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..scene import update as door
+from ..scene.bake import Baking, free
+from ..scene.bake_files import frame_ranges
+from ..scene.bake_playback import baked
+from ..scene.names import RefractiveGlassError, own
+
+
+class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
+    """Store what is seen through the glasses in files, which render without the extension"""
+
+    bl_idname = "scene.refractive_glass_bake"
+    bl_label = "Bake Refractive Glass"
+    bl_options = {"REGISTER", "UNDO"}
+
+    directory: bpy.props.StringProperty(
+        name="Folder",
+        description="Where the files are written; empty for the one in the settings",
+        subtype="DIR_PATH",
+    )
+    frame_start: bpy.props.IntProperty(
+        name="Start", description="First frame; -1 takes the scene's", default=-1, min=-1
+    )
+    frame_end: bpy.props.IntProperty(
+        name="End", description="Last frame; -1 takes the scene's", default=-1, min=-1
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return context.scene.library is None and not own(context.scene)
+
+    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
+        if not self._start(context):
+            return {"CANCELLED"}
+        manager = context.window_manager
+        manager.modal_handler_add(self)
+        self._timer = manager.event_timer_add(0.01, window=context.window)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type == "ESC":
+            return self._stop(context, "Baking was cancelled")
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        try:
+            self._step(context)
+        except (RefractiveGlassError, RuntimeError, OSError) as error:
+            return self._stop(context, str(error))
+        return self._finish(context) if self._baking.frame is None else {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not self._start(context):
+            return {"CANCELLED"}
+        self._timer = None
+        try:
+            while self._baking.frame is not None:
+                self._step(context)
+        except (RefractiveGlassError, RuntimeError, OSError) as error:
+            return self._stop(context, str(error))
+        return self._finish(context)
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        self._stop(context, "Baking was cancelled")
+
+    def _start(self, context: bpy.types.Context) -> bool:
+        scene = context.scene
+        try:
+            if bpy.app.is_job_running("RENDER"):
+                raise RefractiveGlassError("A render is running: bake when it has ended")
+            self._baking = Baking(
+                scene,
+                context.evaluated_depsgraph_get(),
+                self.directory,
+                scene.frame_start if self.frame_start < 0 else self.frame_start,
+                scene.frame_end if self.frame_end < 0 else self.frame_end,
+            )
+        except (RefractiveGlassError, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return False
+        context.window_manager.progress_begin(0, 100)
+        return True
+
+    def _step(self, context: bpy.types.Context) -> None:
+        baking = self._baking
+        if context.workspace is not None:
+            context.workspace.status_text_set(
+                f"Refractive Glass: baking frame {baking.frame} of {baking.frames[0]} to "
+                f"{baking.frames[-1]}; Esc cancels"
+            )
+        baking.step()
+        context.window_manager.progress_update(int(100 * baking.share))
+
+    def _finish(self, context: bpy.types.Context) -> set[str]:
+        baking = self._baking
+        dropped = frame_ranges(baking.dropped)
+        self._tidy(context)
+        try:
+            contents = baking.finish()
+        except (RefractiveGlassError, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for problem in baking.problems:
+            self.report({"WARNING"}, problem)
+        if dropped:
+            self.report({"WARNING"}, f"Frames {dropped} no longer fit the scene and are gone")
+        frames = frame_ranges(contents.frames)
+        self.report({"INFO"}, f"Baked frames {frames} in {baking.directory}: save the file")
+        return {"FINISHED"}
+
+    def _stop(self, context: bpy.types.Context, message: str) -> set[str]:
+        self._tidy(context)
+        self._baking.cancel()
+        self.report({"ERROR"}, message)
+        return {"CANCELLED"}
+
+    def _tidy(self, context: bpy.types.Context) -> None:
+        manager = context.window_manager
+        manager.progress_end()
+        if self._timer is not None:
+            manager.event_timer_remove(self._timer)
+            self._timer = None
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+
+
+class SCENE_OT_refractive_glass_bake_free(bpy.types.Operator):
+    """Remove the baked files and compute again what is seen through the glasses"""
+
+    bl_idname = "scene.refractive_glass_bake_free"
+    bl_label = "Free Baked Refractive Glass"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return baked(context.scene) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        scene = context.scene
+        try:
+            left = free(scene)
+            door.prepare(scene, context.evaluated_depsgraph_get())
+        except (RefractiveGlassError, OSError) as error:
+            # What stands in the way of computing is no reason to keep the bake.
+            self.report({"WARNING"}, str(error))
+            return {"FINISHED"}
+        if left is not None:
+            self.report({"INFO"}, f"{left} stays: it holds other files or another file's bake")
+        return {"FINISHED"}
+
+
+def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """The panel's piece: the folder, the two operators, what is baked."""
+    scene = context.scene
+    column = layout.column()
+    bake = baked(scene)
+    row = column.row()
+    row.enabled = bake is None
+    row.prop(scene.refractive_glass, "bake_directory")
+    row = column.row(align=True)
+    row.operator_context = "INVOKE_DEFAULT"
+    row.operator(SCENE_OT_refractive_glass_bake.bl_idname, text="Bake")
+    row.operator(SCENE_OT_refractive_glass_bake_free.bl_idname, text="Free")
+    if bake is not None:
+        column.label(text=f"Baked frames {bake.frames} in {bake.directory}", icon="FREEZE")
+        column.label(text="Changes are not seen until it is baked again or freed")
+        if not bake.first <= scene.frame_current <= bake.last:
+            nearest = min(max(scene.frame_current, bake.first), bake.last)
+            column.label(
+                text=f"Frame {scene.frame_current} shows frame {nearest}: it is not baked",
+                icon="ERROR",
+            )
+
+
+CLASSES = (SCENE_OT_refractive_glass_bake, SCENE_OT_refractive_glass_bake_free)
+
+
+def register() -> None:
+    """Register the operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    """Undo :func:`register`."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
