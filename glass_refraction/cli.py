@@ -62,6 +62,24 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--shading", choices=("TRUE", "DISPLACED"), help="default: the scene's")
     compare.add_argument("--frame", type=int, help="default: the file's current frame")
     compare.set_defaults(run=_compare)
+
+    benchmark = commands.add_parser("benchmark", help="speed against error, and hard cases")
+    benchmark.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
+    benchmark.add_argument("--quick", action="store_true", help="less of everything, two minutes")
+    benchmark.add_argument(
+        "--only", nargs="+", default=(), metavar="PART", help="these parts; the others are kept"
+    )
+    benchmark.add_argument(
+        "--scenes",
+        nargs="+",
+        type=Path,
+        default=(),
+        metavar="SCENE.blend",
+        help="for the parts that render; default: the demo scenes",
+    )
+    benchmark.add_argument("--seed", type=int, default=0, help="of all random numbers")
+    benchmark.add_argument("--no-plots", action="store_true", help="tables only")
+    benchmark.set_defaults(run=_benchmark)
     return parser
 
 
@@ -80,17 +98,24 @@ def _open(path: Path):
     """Open a .blend with the extension registered; returns its active scene."""
     import bpy
 
-    from . import register
-
     if not path.is_file():
         raise _BadInput(f"{path}: no such file")
-    if not hasattr(bpy.types.Scene, "refractive_glass"):
-        register()
+    _register()
     try:
         bpy.ops.wm.open_mainfile(filepath=str(path.resolve()))
     except RuntimeError as error:
         raise _BadInput(f"{path}: not a readable .blend file") from error
     return bpy.context.scene
+
+
+def _register() -> None:
+    """Register the extension unless it is."""
+    import bpy
+
+    from . import register
+
+    if not hasattr(bpy.types.Scene, "refractive_glass"):
+        register()
 
 
 def _prepare(scene) -> None:
@@ -161,3 +186,35 @@ def _compare(options: argparse.Namespace) -> None:
         f"{options.output}: PSNR {found['psnr_db']:.2f} dB, FLIP {found['flip_mean']:.4f}, "
         f"{found['seconds_composite']:.1f} s composited, {found['seconds_reference']:.1f} s Cycles"
     )
+
+
+def _benchmark(options: argparse.Namespace) -> None:
+    import importlib.util
+
+    from .reference.benchmark import plots, runner
+    from .reference.benchmark.settings import Settings
+
+    demo = Path(__file__).resolve().parents[1] / "demo_scenes"
+    scenes = tuple(options.scenes) or tuple(sorted(demo.glob("*.blend")))
+    for path in scenes:
+        if not path.is_file():
+            raise _BadInput(f"{path}: no such file")
+    if options.seed < 0:
+        raise _BadInput(f"--seed {options.seed}: must not be negative")
+    settings = Settings("quick" if options.quick else "full", options.seed, scenes)
+    if importlib.util.find_spec("bpy") is not None:
+        _register()
+    try:
+        parts = runner.chosen(options.only, settings)
+        if not options.no_plots:
+            plots.check()
+    except (ValueError, plots.MissingMatplotlib) as error:
+        raise _BadInput(str(error)) from error
+    runner.run(
+        settings,
+        options.output,
+        only=parts,
+        with_charts=not options.no_plots,
+        progress=lambda line: print(f"benchmark: {line}", file=sys.stderr, flush=True),
+    )
+    print(f"{options.output}: report.md, report.json")

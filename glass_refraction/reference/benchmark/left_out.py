@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What "only what a scene needs" leaves out of each scene, and the error that it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ... import optics
+from ...scene import update as door
+from ...scene.glasses import read_glasses
+from ...scene.layers import find_layers
+from ...scene.regions import path_regions, picture_rect, region_masks
+from ...scene.sources import pieces, source_objects, world_positions
+from ...scene.viewpoint import read_viewpoint
+from ..cycles import scene_depsgraph
+from ..metrics import psnr, to_srgb
+from ..picture import render_picture
+from .measure import seconds
+from .pictures import computed, open_scene, timed
+from .plots import Chart
+from .settings import Settings
+from .text import number, table
+
+TITLE = "What is left out"
+
+ALL_PATHS = 1e-3
+"""Weight below which a path is not even listed when everything is kept."""
+
+
+def run(settings: Settings) -> dict:
+    """All figures of this part. The loaded file is replaced by each scene's."""
+    paths = settings.scenes if settings.size == "full" else settings.scenes[:1]
+    return {"scenes": [_scene(settings, path) for path in paths]}
+
+
+def _scene(settings: Settings, path: Path) -> dict:
+    scene = open_scene(path, settings.pick((32, 24), (160, 120), (320, 240)))
+    scene.cycles.samples = settings.pick(1, 4, 16)
+    scene.refractive_glass.surface = "GLASS"
+    kept = _state(scene)
+    counted = _counts(scene)
+    fewer = []
+    for name, values in _fuller(settings):
+        with _settings(scene, values):
+            fuller = _state(scene)
+        fewer.append(
+            {
+                "name": name,
+                "vertices": fuller["vertices"],
+                "copies": fuller["copies"],
+                "seconds": fuller["seconds"],
+                "paths": fuller["paths"],
+                "psnr_db": _finite(psnr(kept["picture"], fuller["picture"])),
+                "psnr_inside_db": _finite(psnr(kept["picture"], fuller["picture"], kept["inside"])),
+            }
+        )
+    del kept["picture"], kept["inside"]
+    return {
+        "scene": path.stem,
+        "resolution": [scene.render.resolution_x, scene.render.resolution_y],
+        "samples": scene.cycles.samples,
+        "kept": kept,
+        "fuller": fewer,
+        **counted,
+    }
+
+
+def _fuller(settings: Settings) -> Iterator[tuple[str, dict]]:
+    """What is kept in place of left out, one thing at a time."""
+    yield f"paths of {100 * ALL_PATHS:g} % and more", {"min_weight": ALL_PATHS}
+    tolerance = settings.pick(0.25, 0.1, 0.05)
+    yield f"subdivided to {tolerance:g} px", {"tolerance_px": tolerance}
+
+
+@contextmanager
+def _settings(scene: bpy.types.Scene, values: dict) -> Iterator[None]:
+    """Other settings for a while."""
+    kept = {name: getattr(scene.refractive_glass, name) for name in values}
+    for name, value in values.items():
+        setattr(scene.refractive_glass, name, value)
+    try:
+        yield
+    finally:
+        for name, value in kept.items():
+            setattr(scene.refractive_glass, name, value)
+
+
+def _state(scene: bpy.types.Scene) -> dict:
+    """The picture of the scene as it is set, and what it took."""
+    door.forget()
+    picture, taken = timed(lambda: render_picture(scene))
+    found = computed(scene)
+    copies = find_layers(scene).copies().values()
+    inside = ~region_masks(scene, scene_depsgraph(scene))[""]
+    return {
+        "picture": to_srgb(picture),
+        "inside": inside,
+        "seconds": taken,
+        "vertices": found.vertices,
+        "paths": list(found.paths),
+        "copies": len(copies),
+        "empty_copies": sum(not len(copy.data.vertices) for copy in copies),
+        "bound_px": found.bound_px,
+    }
+
+
+def _finite(decibel: float) -> float | None:
+    """None for equal pictures."""
+    return None if np.isinf(decibel) else decibel
+
+
+def _counts(scene: bpy.types.Scene) -> dict:
+    """Sources, paths, light and pixels, kept and left out."""
+    depsgraph = scene_depsgraph(scene)
+    view = read_viewpoint(scene, depsgraph)
+    width, height = view.size
+    sources = source_objects(depsgraph.view_layer)
+    vertices = 0
+    for source in sources:
+        with pieces(source, depsgraph) as parts:
+            vertices += len(world_positions(parts))
+    glasses = []
+    for glass in read_glasses(depsgraph):
+        kept = door.kept_paths(scene, glass, view)
+        listed = optics.light_paths(glass.description, view.eye_for(glass), min_weight=ALL_PATHS)
+        found = path_regions(glass, view, listed, smooth=False)
+        mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
+        carried = dict(zip((path.events for path in listed), mean.tolist(), strict=True))
+        rect = picture_rect(glass, view)
+        smooth = seconds(lambda g=glass, k=kept: path_regions(g, view, k))
+        plain = seconds(lambda g=glass, k=kept: path_regions(g, view, k, smooth=False))
+        glasses.append(
+            {
+                "glass": glass.name,
+                "kept_paths": [path.events for path in kept],
+                "listed_paths": [path.events for path in listed],
+                "light_kept": sum(carried.get(path.events, 0.0) for path in kept),
+                "light_listed": sum(carried.values()),
+                "rect_pixels": max(0, rect[2] - rect[0]) * max(0, rect[3] - rect[1]),
+                "hit_pixels": int(found.hit.sum()),
+                "mask_seconds": smooth,
+                "mask_centres_seconds": plain,
+            }
+        )
+    return {
+        "sources": len(sources),
+        "source_vertices": vertices,
+        "picture_pixels": width * height,
+        "glasses": glasses,
+    }
+
+
+def describe(found: dict) -> list[str]:
+    """Lines of Markdown."""
+    lines = [
+        "Surface *Glass*, default settings. A copy is one source along one path of one glass; an "
+        "empty one was found not to appear in its region, and costs nothing further. The light of "
+        "a path is its mean weight over the pixels of the glass. *PSNR*: the picture with default "
+        "settings against one that keeps more, same seed, over the picture and inside the glass; "
+        "it is what leaving out costs.",
+        "",
+    ]
+    for scene in found["scenes"]:
+        kept = scene["kept"]
+        width, height = scene["resolution"]
+        lines += [
+            f"### {scene['scene']}",
+            "",
+            f"{width} x {height}, {scene['samples']} samples. {scene['sources']} sources of "
+            f"{number(scene['source_vertices'])} vertices; {kept['copies']} copies, of which "
+            f"{kept['empty_copies']} are left empty; bound on the gap "
+            f"{number(kept['bound_px'])} px.",
+            "",
+        ]
+        lines += table(
+            (
+                "glass",
+                "paths kept",
+                "paths listed",
+                "light kept, %",
+                "light listed, %",
+                "picture's pixels",
+                "in the glass's rectangle",
+                "on the glass",
+            ),
+            [
+                (
+                    glass["glass"],
+                    f"{len(glass['kept_paths'])}: {', '.join(glass['kept_paths'])}",
+                    len(glass["listed_paths"]),
+                    100 * glass["light_kept"],
+                    100 * glass["light_listed"],
+                    scene["picture_pixels"],
+                    glass["rect_pixels"],
+                    glass["hit_pixels"],
+                )
+                for glass in scene["glasses"]
+            ],
+        )
+        rows = [("default", kept["copies"], kept["vertices"], kept["seconds"], None, None)]
+        rows += [
+            (
+                row["name"],
+                row["copies"],
+                row["vertices"],
+                row["seconds"],
+                _decibel(row["psnr_db"]),
+                _decibel(row["psnr_inside_db"]),
+            )
+            for row in scene["fuller"]
+        ]
+        lines += table(
+            ("kept", "copies", "vertices", "render, s", "PSNR, dB", "PSNR inside, dB"), rows
+        )
+    return lines
+
+
+def _decibel(value: float | None) -> str:
+    return "equal" if value is None else f"{value:.1f}"
+
+
+def charts(found: dict) -> list[Chart]:
+    """None: what is left out is counted."""
+    return []

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Times, ratios of times, memory, and the machine that they hold for."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+
+def timings(
+    candidates: Mapping[str, Callable[[], object]], repeats: int
+) -> dict[str, dict[str, float]]:
+    """Seconds that each candidate takes, in turns, so that a slow spell of the machine hits all.
+
+    Returns
+    -------
+    dict : name -> as :func:`spread`. A first turn of each is not counted.
+    """
+    samples: dict[str, list[float]] = {name: [] for name in candidates}
+    for candidate in candidates.values():
+        candidate()
+    for _ in range(repeats):
+        for name, candidate in candidates.items():
+            samples[name].append(seconds(candidate))
+    return {name: spread(found) for name, found in samples.items()}
+
+
+def seconds(function: Callable[[], object]) -> float:
+    """Wall time of one call."""
+    started = time.perf_counter()
+    function()
+    return time.perf_counter() - started
+
+
+def spread(samples: list[float]) -> dict[str, float]:
+    """Median, least and greatest of some samples, and all of them."""
+    return {
+        "median": float(np.median(samples)),
+        "low": min(samples),
+        "high": max(samples),
+        "samples": list(samples),
+    }
+
+
+def ratio(one: Mapping, other: Mapping) -> dict[str, float]:
+    """Quotients of two candidates' times, turn by turn."""
+    pairs = zip(one["samples"], other["samples"], strict=True)
+    return spread([a / b for a, b in pairs])
+
+
+def peak_bytes(function: Callable[[], object]) -> int:
+    """Most memory that Python and NumPy hold beyond what they held before, during one call.
+
+    What the call returns is among it.
+    """
+    tracemalloc.start()
+    try:
+        kept = function()
+        _, peak = tracemalloc.get_traced_memory()
+        del kept
+    finally:
+        tracemalloc.stop()
+    return peak
+
+
+def resident_bytes() -> int | None:
+    """Memory of this process that is in use now; None where the system does not tell."""
+    table = Path("/proc/self/statm")
+    if not table.exists():
+        return None
+    return int(table.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def machine() -> dict[str, str | int]:
+    """Processor, cores and versions."""
+    if "bpy" in sys.modules:
+        import bpy
+
+        blender = bpy.app.version_string
+    else:
+        blender = "not loaded"
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count() or 0,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "blender": blender,
+    }
+
+
+def _processor() -> str:
+    table = Path("/proc/cpuinfo")
+    fields = {}
+    if table.exists():
+        lines = (line.partition(":") for line in table.read_text().splitlines())
+        for name, _, value in lines:
+            fields.setdefault(name.strip(), value.strip())
+    if "model name" not in fields:
+        return platform.processor() or platform.machine()
+    details = (("cpu family", "family"), ("model", "model"), ("cpu MHz", "MHz"))
+    known = ", ".join(f"{word} {fields[name]}" for name, word in details if name in fields)
+    return f"{fields['model name']} ({known})"
