@@ -19,6 +19,7 @@ from bpy.app.handlers import persistent
 
 from .scene import changes
 from .scene import update as door
+from .scene.layers import user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
 
 REST_SECONDS = 0.3
@@ -89,6 +90,10 @@ _RELEVANT = (
 @persistent
 def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if own(scene):
+        if own(scene, "displaced") and depsgraph.mode == "RENDER" and scene.render.use_motion_blur:
+            user = user_scene_of(scene)
+            if user is not None:
+                door.show_moment(user, door.frame_time(scene))
         return
     changes.note(scene, depsgraph)
     if depsgraph.mode != "RENDER":
@@ -112,6 +117,11 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
 
 
 @persistent
+def _on_render_frame(scene: bpy.types.Scene, *_) -> None:
+    door.begin_frame(scene)
+
+
+@persistent
 def _on_render_end(*_) -> None:
     global _rendering
     _rendering = False
@@ -126,6 +136,7 @@ _TABLE = (
     ("depsgraph_update_post", _on_depsgraph_update),
     ("frame_change_post", _on_frame_change),
     ("render_init", _on_render_init),
+    ("render_pre", _on_render_frame),
     ("render_complete", _on_render_end),
     ("render_cancel", _on_render_end),
     ("undo_post", _on_data_replaced),

@@ -71,7 +71,7 @@ class Solver:
 
     def in_world(self, found: optics.ApparentPoints) -> Images:
         """A result taken from the glass's frame to the world."""
-        position = np.empty_like(found.position)
+        position = np.empty(found.position.shape)
         for slot, local in enumerate(found.position):
             affine(local, self.glass.to_world[:3], position[slot])
         return Images(position, found.valid, found.stretch)
@@ -297,3 +297,23 @@ class Search:
             if overlaps(np.concatenate((places, places), axis=1), self.rect).any():
                 return True
         return False
+
+
+def moment_of(solver: Solver, source: Source, shape: Appearance) -> np.ndarray | None:
+    """Where the vertices of ``shape`` are at another moment: (B, N, 3), slot for slot.
+
+    For motion blur: the triangles stay. None where that cannot be: nothing is drawn, or the
+    source has other vertices now.
+    """
+    if shape.images is None or shape.topology != source.snapshot.topology:
+        return None
+    points = source.snapshot.world()
+    if shape.refined:
+        points = shape.triangles.followed(points, shape.of_source).points
+    found = solver(points, shape.found)
+    images = solver.in_world(found)
+    position = shape.images.position.copy()
+    for slot, sheet in enumerate(shape.found.sheet):
+        if sheet in found.sheet:
+            position[slot] = images.position[found.sheet.index(sheet)]
+    return position

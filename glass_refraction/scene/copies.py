@@ -54,6 +54,14 @@ def write_copy(
     write_input(copy.modifiers[0], "Slots", max(1, len(slots)))
 
 
+def write_moment(copy: bpy.types.Object, shape: Appearance, position: np.ndarray) -> None:
+    """Move a copy that shows ``shape`` to where its vertices (B, N, 3) are at another moment."""
+    slots = used_slots(shape.images.valid)
+    write_attribute(copy.data, "position", position[slots].reshape(-1, 3), "FLOAT_VECTOR")
+    copy.data.update()
+    copy.update_tag()
+
+
 def write_true_mesh(obj: bpy.types.Object, parts: list[Piece]) -> None:
     """Write the pieces, where they are, into the object's own mesh (for sources not carried)."""
     source = read_source_mesh(parts)

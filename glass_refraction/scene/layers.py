@@ -144,6 +144,11 @@ def find_layers(scene: bpy.types.Scene) -> Layers | None:
     return Layers(**found) if len(found) == len(ROLES) else None
 
 
+def user_scene_of(own_scene: bpy.types.Scene) -> bpy.types.Scene | None:
+    """The user's scene that an own scene belongs to."""
+    return bpy.data.scenes.get(own_scene[_GLASS])
+
+
 def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tuple[Layers, bool]:
     """Make the own scenes show exactly these glasses, paths and sources.
 

@@ -25,6 +25,11 @@ def _is_menu(modifier: bpy.types.NodesModifier, name: str) -> bool:
     )
 
 
+def has_input(modifier: bpy.types.NodesModifier, name: str) -> bool:
+    """Whether the node group has the socket ``name``: a file may hold an earlier group."""
+    return name in _identifiers(modifier)
+
+
 def read_input(modifier: bpy.types.NodesModifier, name: str):
     """The value of the socket ``name``; a menu as the name of its item.
 

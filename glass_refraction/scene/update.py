@@ -21,10 +21,10 @@ import bpy
 import numpy as np
 
 from .. import optics
-from .appearance import Appearance, Search, Solver, Source
+from .appearance import Appearance, Search, Solver, Source, moment_of
 from .changes import generation
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
-from .copies import write_copy, write_true_mesh
+from .copies import write_copy, write_moment, write_true_mesh
 from .environment import surroundings, write_rays, write_screen
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
@@ -52,8 +52,9 @@ from .tessellation import Probe, region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
 from .viewpoint import Viewpoint, read_viewpoint
 
-PATH_SEARCH_STEP = 4
-"""Pixels a side for each ray with which the paths' mean weights are found."""
+PATH_SEARCH_SIDE = 96
+"""Rays across a glass, its shorter way, with which the paths' mean weights are found: a verge of a
+hundredth of it is met by one of them, however few pixels the glass has in the picture."""
 
 MAX_TOLERANCE_PX = 8.0
 
@@ -83,6 +84,10 @@ class _Memory:
     occluders: dict[int, Snapshot] = field(default_factory=dict)
     probes: dict[tuple[str, optics.LightPath], tuple[tuple, Probe]] = field(default_factory=dict)
     still: tuple | None = None
+    centre: float | None = None
+    """The rendered frame's own time, once it is known; motion blur asks for others round it."""
+    moments: dict[float, dict[tuple[str, str, int], np.ndarray]] = field(default_factory=dict)
+    """Where the vertices of each copy are at these times."""
     paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
     status: Status = field(default_factory=Status)
 
@@ -211,6 +216,10 @@ def update(
     is_render = depsgraph.mode == "RENDER"
     exact = is_render if exact is None else exact
     view = read_viewpoint(scene, depsgraph)
+    blurred = is_render and scene.render.use_motion_blur
+    if blurred and memory.centre not in (None, frame_time(scene)):
+        _keep_moment(scene, memory, layers, view, depsgraph)
+        return memory.status
     # A render evaluates by itself, and nobody tells of what.
     still = None if is_render else (generation(scene), view.stamp(), _settings_stamp(scene), exact)
     if still is not None and memory.still == still:
@@ -244,7 +253,61 @@ def update(
         problems=problems or memory.status.problems,
     )
     memory.still = still
+    if blurred:
+        memory.centre = frame_time(scene)
+        memory.moments[memory.centre] = {
+            key: shape.images.position
+            for key, (_, _, shape) in memory.copies.items()
+            if shape.images is not None
+        }
     return memory.status
+
+
+def begin_frame(scene: bpy.types.Scene) -> None:
+    """A render begins a frame: the next evaluation is that of the frame's own time."""
+    memory = memory_of(scene)
+    memory.centre = None
+    memory.moments.clear()
+
+
+def frame_time(scene: bpy.types.Scene) -> float:
+    """The scene's frame with its sub-frame."""
+    return scene.frame_current + scene.frame_subframe
+
+
+def show_moment(scene: bpy.types.Scene, own_time: float) -> None:
+    """Move the copies to where they are at a time round the frame (frames), for motion blur.
+
+    The user's scene, rendered first, went through all these times; they were kept then.
+    """
+    layers, memory = find_layers(scene), memory_of(scene)
+    if layers is None or not memory.moments:
+        return
+    nearest = min(memory.moments, key=lambda kept: abs(kept - own_time))
+    for key, copy in layers.copies().items():
+        if key in memory.moments[nearest]:
+            write_moment(copy, memory.copies[key][2], memory.moments[nearest][key])
+
+
+def _keep_moment(scene, memory: _Memory, layers: Layers, view: Viewpoint, depsgraph) -> None:
+    """Find where the copies' vertices are now, between frames; what they hold stays."""
+    moment = memory.moments.setdefault(frame_time(scene), {})
+    copies = layers.copies()
+    for pane, glass in _standing_panes(scene, layers, depsgraph, []):
+        for path in pane.paths:
+            solver = Solver(glass, path, view, 0.1 * scene.refractive_glass.tolerance_px)
+            for key, copy in copies.items():
+                if key[:2] != (glass.name, path.events) or key not in memory.copies:
+                    continue
+                shape = memory.copies[key][2]
+                original = source_of(copy)
+                with pieces(original, depsgraph) as parts:
+                    source = Source(parts, is_carried(original), {})
+                    position = moment_of(solver, source, shape)
+                    source.close()
+                if position is not None:
+                    moment[key] = position
+                    counters["solves"] += 1
 
 
 def _settings_stamp(scene: bpy.types.Scene) -> tuple:
@@ -285,7 +348,9 @@ def kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, 
     paths = optics.light_paths(
         glass.description, view.eye_for(glass), min_weight=settings.min_weight
     )
-    size = tuple(max(1, n // PATH_SEARCH_STEP) for n in view.size)
+    x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
+    finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
+    size = tuple(max(1, round(n * finer)) for n in view.size)
     coarse = replace(view, size=size, window=(0, 0, *size))
     found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
     mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())

@@ -79,7 +79,12 @@ def picture(scene, folder, name="picture"):
     image.color_mode = "RGBA"
     scene.render.filepath = str(folder / f"{name}.exr")
     bpy.ops.render.render(write_still=True, scene=scene.name)
-    loaded = bpy.data.images.load(scene.render.filepath)
+    return load(scene.render.filepath)
+
+
+def load(path):
+    """The pixels of a picture file, linear (H, W, 4), bottom row first."""
+    loaded = bpy.data.images.load(str(path))
     width, height = loaded.size
     pixels = np.empty(width * height * 4, np.float32)
     loaded.pixels.foreach_get(pixels)

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Following changes: a live update ends where an exact one does, and looks at no more than it must.
+
+Whatever a user changes, what stands after a live update is compared with what the same moment gives
+when nothing is known of the past.
+"""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction.scene import update as door
+from glass_refraction.scene.arrays import positions, read_attribute
+from glass_refraction.scene.layers import find_layers, source_of
+from glass_refraction.scene.viewpoint import read_viewpoint
+
+TOLERANCE_PX = 0.25
+
+
+def _scene(shape="CYLINDER", **values):
+    scenes.camera()
+    scenes.striped_wall(stripes=120)
+    bpy.ops.mesh.primitive_uv_sphere_add(
+        segments=48, ring_count=24, radius=0.02, location=(0.005, 0.12, 0.06)
+    )
+    ball = bpy.context.object
+    glass = scenes.glass(shape=shape, **values)
+    scene = scenes.settings(
+        200, 150, surface="REFRACTION", shading="TRUE", tolerance_px=TOLERANCE_PX
+    )
+    return scene, ball, glass
+
+
+def _follow(scene):
+    """What a change leads to: structure where that changed, then a live update."""
+    bpy.context.view_layer.update()
+    door.prepare(scene, scenes.depsgraph())
+    return door.update(scene, scenes.depsgraph())
+
+
+def _shown(scene):
+    """(glass, path, source name) -> pixels (n, 2) of the vertices seen, in the carrier's order."""
+    view = read_viewpoint(scene, scenes.depsgraph())
+    found = {}
+    for (glass, events, _), copy in find_layers(scene).copies().items():
+        seen = copy.data.attributes.get("rg_seen")
+        if seen is None or not len(seen.data):
+            continue
+        seen = read_attribute(seen)[:, 0] > 0.5
+        found[glass, events, source_of(copy).name] = view.pixels(positions(copy.data)[seen])
+    return found
+
+
+def _assert_as_if_nothing_were_known(scene):
+    live = _shown(scene)
+    door.forget()
+    door.prepare(scene, scenes.depsgraph())
+    door.update(scene, scenes.depsgraph(), exact=True)
+    exact = _shown(scene)
+    assert live.keys() == exact.keys()
+    for key, pixels in exact.items():
+        if live[key].shape == pixels.shape:
+            assert np.abs(live[key] - pixels).max() < TOLERANCE_PX
+        else:
+            # Other triangles, the same image: it covers the same part of the picture.
+            inside = [p[((p > 0) & (p < (200, 150))).all(axis=1)] for p in (live[key], pixels)]
+            for end in ("min", "max"):
+                first, second = (getattr(p, end)(axis=0) for p in inside)
+                assert np.abs(first - second).max() < 12.0
+
+
+def _moved(scene, ball, glass):
+    ball.location.x += 0.01
+
+
+def _turned(scene, ball, glass):
+    ball.rotation_euler = (0.3, 1.0, 0.2)
+    ball.scale = (1.0, 1.5, 0.7)
+
+
+def _animated(scene, ball, glass):
+    ball.keyframe_insert("location", frame=1)
+    ball.location.z += 0.02
+    ball.keyframe_insert("location", frame=9)
+    scene.frame_set(5)
+
+
+def _driven(scene, ball, glass):
+    ball.driver_add("location", 0).driver.expression = "0.001 * frame"
+    scene.frame_set(12)
+
+
+def _deformed(scene, ball, glass):
+    modifier = ball.modifiers.new("Bend", "SIMPLE_DEFORM")
+    modifier.deform_method, modifier.angle = "BEND", 1.0
+
+
+def _subdivided(scene, ball, glass):
+    ball.modifiers.new("Subdivision", "SUBSURF")
+
+
+def _shape_key(scene, ball, glass):
+    ball.shape_key_add(name="Basis")
+    key = ball.shape_key_add(name="Long")
+    for point in key.data:
+        point.co.z *= 2.0
+    key.value = 0.6
+
+
+def _armature(scene, ball, glass):
+    bpy.ops.object.armature_add(location=ball.location)
+    rig = bpy.context.object
+    group = ball.vertex_groups.new(name="Bone")
+    group.add(range(len(ball.data.vertices)), 1.0, "REPLACE")
+    ball.modifiers.new("Armature", "ARMATURE").object = rig
+    rig.pose.bones["Bone"].location.x = 0.01
+
+
+def _edited(scene, ball, glass):
+    ball.data.vertices[0].co.z += 0.01
+    ball.data.update()
+
+
+def _replaced(scene, ball, glass):
+    old = ball.data
+    bpy.ops.mesh.primitive_cube_add(size=0.03)
+    cube = bpy.context.object
+    ball.data = cube.data
+    bpy.data.objects.remove(cube)
+    bpy.data.meshes.remove(old)
+
+
+def _added(scene, ball, glass):
+    bpy.ops.mesh.primitive_monkey_add(size=0.03, location=(-0.01, 0.15, 0.05))
+
+
+def _deleted(scene, ball, glass):
+    bpy.data.objects.remove(ball)
+
+
+def _renamed(scene, ball, glass):
+    ball.name, glass.name = "Marble", "Tumbler"
+
+
+def _hidden(scene, ball, glass):
+    ball.hide_render = True
+
+
+def _parented(scene, ball, glass):
+    ball.parent = glass
+    glass.location.x = 0.01
+
+
+def _instanced(scene, ball, glass):
+    scene.collection.objects.unlink(ball)
+    group = bpy.data.collections.new("Balls")
+    group.objects.link(ball)
+    empty = bpy.data.objects.new("Balls", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", group
+    empty.location.x = -0.01
+    scene.collection.objects.link(empty)
+
+
+def _glass_moved(scene, ball, glass):
+    glass.location.x += 0.01
+    glass.rotation_euler = (0.1, 0.05, 0.3)
+
+
+def _glass_animated(scene, ball, glass):
+    glass.keyframe_insert("rotation_euler", frame=1)
+    glass.rotation_euler.x = 0.4
+    glass.keyframe_insert("rotation_euler", frame=11)
+    scene.frame_set(6)
+
+
+def _glass_reshaped(scene, ball, glass):
+    from glass_refraction.scene.modifier_inputs import write_input
+
+    write_input(glass.modifiers[0], "IOR", 1.7)
+    write_input(glass.modifiers[0], "Radius", 0.05)
+
+
+def _camera_moved(scene, ball, glass):
+    scene.camera.location.x += 0.05
+    scene.camera.data.lens = 40
+
+
+def _other_camera(scene, ball, glass):
+    scenes.camera(location=(0.1, -0.5, 0.1))
+
+
+def _tolerance(scene, ball, glass):
+    scene.refractive_glass.tolerance_px = 0.5
+
+
+CHANGES = [value for name, value in list(globals().items()) if getattr(value, "__code__", None)]
+CHANGES = [c for c in CHANGES if c.__code__.co_varnames[:3] == ("scene", "ball", "glass")]
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=lambda f: f.__name__.strip("_"))
+def test_every_change_is_followed(change):
+    scene, ball, glass = _scene()
+    _follow(scene)
+    change(scene, ball, glass)
+    _follow(scene)
+    _assert_as_if_nothing_were_known(scene)
+
+
+@pytest.mark.parametrize("shape", ["CYLINDER", "ROD", "SPHERE"])
+def test_a_path_of_small_steps_does_not_drift(shape):
+    scene, ball, _ = _scene(shape)
+    _follow(scene)
+    for step in range(8):
+        ball.location.x += 0.002
+        ball.location.z += 0.003 * (-1) ** step
+        _follow(scene)
+    _assert_as_if_nothing_were_known(scene)
+
+
+def test_what_comes_into_sight_is_shown():
+    scene, ball, _ = _scene()
+    ball.location.x = 3.0
+    _follow(scene)
+    assert ball.name not in {name for _, _, name in _shown(scene)}
+    ball.location.x = 0.0
+    _follow(scene)
+    assert ball.name in {name for _, _, name in _shown(scene)}
+
+
+def test_a_still_scene_is_not_even_read():
+    scene, _, _ = _scene()
+    _follow(scene)
+    before = dict(door.counters)
+    for _ in range(3):
+        door.update(scene, scenes.depsgraph())
+    assert dict(door.counters) == before
+
+
+def test_a_live_move_asks_for_few_points():
+    """Of a fine mesh a live update solves the vertices, and middles of a few edges only."""
+    from glass_refraction import optics
+    from glass_refraction.scene import appearance
+
+    scene, ball, _ = _scene()
+    _follow(scene)
+    asked = []
+    real = optics.apparent_points
+
+    class Counted:
+        def __getattr__(self, name):
+            if name != "apparent_points":
+                return getattr(optics, name)
+            return lambda glass, path, eye, points, **more: (
+                asked.append(len(points)) or real(glass, path, eye, points, **more)
+            )
+
+    try:
+        appearance.optics = Counted()
+        ball.location.x += 0.001
+        _follow(scene)
+    finally:
+        appearance.optics = optics
+    assert sum(asked) <= len(ball.data.vertices) + appearance.WATCHED
+
+
+def test_the_picture_of_a_live_scene_is_that_of_an_exact_one(tmp_path):
+    """A render finds all anew, whatever the viewport had found."""
+    scene, ball, _ = _scene()
+    scene.render.engine = "BLENDER_WORKBENCH"
+    _follow(scene)
+    for _ in range(3):
+        ball.location.x += 0.004
+        _follow(scene)
+    after = scenes.picture(scene, tmp_path, "after")
+    door.forget()
+    alone = scenes.picture(scene, tmp_path, "alone")
+    np.testing.assert_array_equal(after, alone)
