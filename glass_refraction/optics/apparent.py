@@ -100,11 +100,15 @@ def _slots(glass, path, eye, some, tolerance, guess, finite) -> tuple[list[Slot]
 
 def _finite(points) -> NDArray[np.bool_] | None:
     """Which points are finite; None for all."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        if np.isfinite(points.sum()):
-            return None
-    finite = np.isfinite(points).all(axis=-1)
-    return None if finite.all() else finite
+    if _within(points, np.inf):
+        return None
+    return np.isfinite(points).all(axis=-1)
+
+
+def _within(vectors, size: float) -> bool:
+    """Whether all components are smaller than `size`."""
+    low, high = vectors.min(initial=0.0), vectors.max(initial=0.0)
+    return bool(low > -size and high < size)  # not so if there is a NaN
 
 
 @lru_cache(maxsize=256)
@@ -203,17 +207,21 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
     """
     passage, tolerance = slots.passage, slots.tolerance
     slots.slot(MAIN)
-    # Newton squares the error: the step that follows one this small is far below the tolerance,
-    # even near the edge of a domain, where the square is multiplied by 10⁵ and more.
-    small = 0.3 * tolerance**0.5 if tolerance > 1e-8 else 1e-9
+    # Newton squares the error: the step that follows one this small is below the tolerance, even
+    # near the edge of a domain, where the square is multiplied by 10⁵ and more. Where only few
+    # digits are asked for, what `put` finds wrong is worth another step.
+    coarse = tolerance > 1e-7 and passage.smooth and _within(slots.points, passage.widest)
+    narrow = coarse and tolerance > COARSE
+    small = 1e-9 if tolerance <= 1e-8 else (0.5 if narrow else 0.3) * tolerance**0.5
     left, most = [], []
 
-    coarse = tolerance > 1e-7 and passage.smooth
-    narrow = coarse and tolerance > COARSE
+    def refine(unknowns, solved):
+        unknowns = [part.astype(np.float64, copy=False) for part in unknowns]
+        return newton(passage, unknowns, solved, small=small, most=passage.most)
 
     def work(block: slice) -> None:
         points = slots.points[block]
-        targets = passage.targets(points)
+        targets = passage.targets(points, np.float32) if narrow else passage.targets(points)
         solved = targets[: passage.solved]
         if guess is not None:
             unknowns = passage.from_directions(guess[block], *solved)
@@ -224,18 +232,31 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
             # Early steps need few digits: half the width, half the memory.
             unknowns, steps = newton(
                 passage,
-                [part.astype(np.float32) for part in unknowns],
-                [part.astype(np.float32) for part in solved],
+                [part.astype(np.float32, copy=False) for part in unknowns],
+                [part.astype(np.float32, copy=False) for part in solved],
                 small=small if narrow else 3e-3,
                 most=ROUGH,
             )
-            unknowns = [part.astype(np.float64) for part in unknowns]
         if not narrow:
-            unknowns, more = newton(passage, unknowns, solved, small=small, most=passage.most)
-            steps = steps + more
-        # What does not pass its point, mostly for want of an image, is left to the search.
+            # Who does not come to rest, mostly for want of an image, is left to the search.
+            some = np.flatnonzero(steps <= ROUGH) if coarse else slice(None)
+            if coarse and len(some) < len(steps):
+                fine, more = refine([u[some] for u in unknowns], [t[some] for t in solved])
+                unknowns = [part.astype(np.float64) for part in unknowns]
+                for unknown, part in zip(unknowns, fine, strict=True):
+                    unknown[some] = part
+                steps[some] += more
+            else:
+                unknowns, more = refine(unknowns, solved)
+                steps = steps + more
         settled = slots.put(MAIN, block, unknowns, targets, True)
         if not settled.all():
+            if narrow:
+                again = np.flatnonzero(~settled & (steps <= ROUGH))
+                targets = passage.targets(points[again])
+                fine, more = refine([u[again] for u in unknowns], targets[: passage.solved])
+                settled[again] = slots.put(MAIN, block.start + again, fine, targets, True)
+                steps[again] += more
             left.append(block.start + np.flatnonzero(~settled))
         most.append(int((steps * settled).max(initial=0)))
 
@@ -252,7 +273,7 @@ def _guessed(guess, passage, finite) -> NDArray | None:
     directions = np.asarray(guess.direction[guess.sheet.index(name)], dtype=float)
     if finite is not None:
         directions = directions[finite]
-    return directions if _finite(directions) is None else None
+    return directions if _within(directions, 1.0 + 1e-6) else None
 
 
 def _by_curves(slots: Slots, left) -> None:

@@ -182,8 +182,9 @@ class Rows:
     """The terms of a passage as columns, for all rays at once: pairs first, the eye last.
 
     `limits`: n²r² and r² of each row, `squares` and `iors`: n² and n of each medium, by the size
-    of the numbers in bytes. `pairs`: (medium, count); `singles`: (row, medium, count); `eye`:
-    (row, medium, count) or None; `own`: the medium of the stretch.
+    of the numbers in bytes. `pairs`: (medium, count, whether the first of its medium, factors of
+    the turn); `singles` and `eye` (or None): the row first, then the same; `own`: the medium of
+    the stretch; `untouched`: media without a term.
     """
 
     def __init__(self, passage: CoaxialPassage) -> None:
@@ -193,20 +194,40 @@ class Rows:
         lines += [(ior, radius2) for ior, radius2, _ in singles]
         self.media = sorted({ior for ior, _ in lines} | {passage.ior, passage.eye_ior})
         medium = {ior: number for number, ior in enumerate(self.media)}
-        self.pairs = [(medium[ior], count) for ior, _, _, count in pairs]
+        untouched = set(range(len(self.media)))
+
+        def first(number: int) -> bool:
+            """Whether this is the first term of a medium: it is written, not added."""
+            if number not in untouched:
+                return False
+            untouched.remove(number)
+            return True
+
+        self.pairs = [
+            (medium[ior], count, first(medium[ior]), count // passage.power)
+            for ior, _, _, count in pairs
+        ]
         self.singles = [
-            (2 * len(pairs) + number, medium[ior], count)
+            (
+                2 * len(pairs) + number,
+                medium[ior],
+                count,
+                first(medium[ior]),
+                abs(count) // passage.power,
+            )
             for number, (ior, _, count) in enumerate(singles)
         ]
         self.own, self.eye = medium[passage.ior], None
         met = {ior for ior, _ in lines}
         if passage.eye_term is not None:
             term = passage.eye_term
-            self.eye = len(lines), medium[term.ior], term.count
+            number = medium[term.ior]
+            self.eye = len(lines), number, term.count, first(number)
             lines.append((term.ior, term.radius**2))
             met.add(term.ior)
         # Whether ζ is bounded by a medium that no term knows.
         self.loose = not met >= {passage.ior, passage.eye_ior}
+        self.untouched = sorted(untouched)
         lines = np.array(lines).reshape(-1, 2)
         columns = (lines[:, :1] ** 2 * lines[:, 1:], lines[:, 1:].copy())
         iors = np.array(self.media)[:, None]
@@ -286,6 +307,8 @@ class CoaxialPassage:
             and len(branch.interfaces) <= 8
             and (frame.eye_radius is None or 0.05 < frame.eye_radius < 1e3)
         )
+        # Metres within which squares of coordinates keep in float32.
+        self.widest = 1e15 * frame.scale
         self.guessable = frame.eye is not None and not frame.spherical
 
     # ---- limits -------------------------------------------------------------------------
@@ -369,47 +392,50 @@ class CoaxialPassage:
         np.sqrt(w, out=w)
         p2 = rows.squares[w.dtype.itemsize] - zeta2
         inverse = 1.0 / p2
-        sums = np.zeros((len(rows.media), len(ell)), dtype=w.dtype)
-        spreads = np.zeros_like(sums) if slopes else None
+        sums = np.empty((len(rows.media), len(ell)), dtype=w.dtype)
+        spreads = np.empty_like(sums) if slopes else None
+        for number in rows.untouched:
+            sums[number] = 0.0
+            if slopes:
+                spreads[number] = 0.0
         eye_inverse = real = imag = None
         if pairs:
             # (first + iℓ)(second − iℓ), and the two quotients over one denominator
             first, second = w[: len(pairs)], w[len(pairs) : 2 * len(pairs)]
             products, gaps = first * second, second - first
             quotients = gaps / products if slopes else None
-            for row, (medium, count) in enumerate(pairs):
-                sums[medium] -= gaps[row] if count == 1 else count * gaps[row]
+            for row, (medium, count, new, _) in enumerate(pairs):
+                _add(sums[medium], gaps[row], -count, new)
                 if slopes:
-                    spreads[medium] += quotients[row] if count == 1 else count * quotients[row]
+                    _add(spreads[medium], quotients[row], count, new)
             products += ell2
             gaps *= ell
-            for row, (_, count) in enumerate(pairs):
-                for _ in range(count // self.power):
+            for row, (*_, factors) in enumerate(pairs):
+                for _ in range(factors):
                     real, imag = _times(real, imag, products[row], gaps[row])
-        for row, medium, count in rows.singles:
-            sums[medium] += w[row] if count == 1 else count * w[row]
+        for row, medium, count, new, factors in rows.singles:
+            _add(sums[medium], w[row], count, new)
             if slopes:
-                spreads[medium] += count / w[row]
+                _add(spreads[medium], 1.0 / w[row], count, new)
             step = ell if count > 0 else -ell
-            for _ in range(abs(count) // self.power):
+            for _ in range(factors):
                 real, imag = _times(real, imag, w[row], step)
         walls_real, walls_imag = real, imag
         for _ in range(self.power - 1 if real is not None else 0):
             real, imag = _times(real, imag, walls_real, walls_imag)
         if rows.eye is not None:
-            row, medium, outward = rows.eye
-            add = np.add if outward > 0 else np.subtract
+            row, medium, outward, new = rows.eye
             at_eye = w[row]
             real, imag = _times(real, imag, at_eye, ell if outward > 0 else -ell)
-            add(sums[medium], at_eye, out=sums[medium])
+            _add(sums[medium], at_eye, outward, new)
             if slopes:
                 eye_inverse = 1.0 / at_eye
-                add(spreads[medium], eye_inverse, out=spreads[medium])
+                _add(spreads[medium], eye_inverse, outward, new)
         if real is None:
             real, imag = np.ones_like(ell), np.zeros_like(ell)
         norm = real * real
         norm += imag * imag
-        if not slopes or norm.dtype != np.float64:
+        if norm.min(initial=1.0) < 1e-30:
             np.maximum(norm, 1e-300 if norm.dtype == np.float64 else SMALLEST, out=norm)
         np.sqrt(norm, out=norm)
         np.divide(-1.0 if self.turn % 2 else 1.0, norm, out=norm)
@@ -455,9 +481,11 @@ class CoaxialPassage:
         zeta = self.frame.zeta
         return self.domain.zeta_max <= abs(zeta or 0.0)
 
-    def targets(self, points: Floats) -> tuple[Floats, ...]:
+    def targets(self, points: Floats, kind=np.float64) -> tuple[Floats, ...]:
         """Points in the frame: x, y, z in outer radii, moved radially into the medium."""
         frame = self.frame
+        if kind is not np.float64 and not frame.spherical:
+            return self._narrow_targets(points, kind)
         per = 1.0 / frame.scale
         if frame.spherical:
             scaled = points * per
@@ -478,29 +506,68 @@ class CoaxialPassage:
             on_axis = radius < TINY
             factor = np.clip(radius, low, self.outer) / np.where(on_axis, 1.0, radius)
             x, y = np.where(on_axis, -low, x * factor), np.where(on_axis, 0.0, y * factor)
+        return tuple(part.astype(kind, copy=False) for part in (x, y, z))
+
+    def _narrow_targets(self, points, kind):
+        """`targets` for a cylinder, rounded as early as digits allow."""
+        frame = self.frame
+        per = 1.0 / frame.scale
+        cosine, sine = (kind(part * per) for part in frame.axes[0, :2])
+        flat_x, flat_y = points[:, 0].astype(kind), points[:, 1].astype(kind)
+        z = np.empty(len(points), dtype=kind)
+        # Here eye and point may be near each other and far from the origin.
+        base = 0.0 if frame.eye is None else float(frame.eye[2]) * frame.scale
+        np.subtract(points[:, 2], base, out=z, casting="same_kind")
+        z *= kind(per)
+        x, y = flat_x * cosine, flat_y * cosine
+        x += flat_y * sine
+        y -= flat_x * sine
+        radius2 = x * x
+        radius2 += y * y
+        low, high = max(self.inner, TINY) ** 2, self.outer**2
+        if radius2.min(initial=np.inf) <= low * 1.00001 or radius2.max(initial=0.0) >= high:
+            radius = np.sqrt(radius2)
+            on_axis = radius < TINY
+            factor = np.clip(radius, kind(low**0.5), kind(self.outer))
+            factor /= np.where(on_axis, kind(1.0), radius)
+            x = np.where(on_axis, kind(-(low**0.5)), x * factor)
+            y = np.where(on_axis, kind(0.0), y * factor)
         return x, y, z
 
     def from_directions(self, direction, x, y, z):
-        """Invariants of rays that leave the eye along `direction` (N, 3), as a start."""
-        frame = self.frame
-        cosine, sine = (float(part) for part in frame.axes[0, :2])
-        if direction.max(initial=0.0) > 1.0 or direction.min(initial=0.0) < -1.0:
-            direction = np.clip(direction, -1.0, 1.0)
-        ell = (direction[:, 1] * cosine - direction[:, 0] * sine) * (
-            self.eye_ior * frame.eye_radius
+        """Invariants of rays that leave the eye along `direction` (N, 3), as a start.
+
+        Components must lie between −1 and 1, or thereabouts.
+        """
+        frame, kind = self.frame, x.dtype.type
+        cosine, sine = (
+            kind(part * self.eye_ior * frame.eye_radius) for part in frame.axes[0, :2].tolist()
         )
-        return self.into_domain(ell, direction[:, 2] * self.eye_ior)
+        ell = direction[:, 1].astype(kind)
+        ell *= cosine
+        zeta = direction[:, 0].astype(kind)
+        zeta *= sine
+        ell -= zeta
+        np.multiply(direction[:, 2], self.eye_ior, out=zeta, casting="same_kind")
+        return ell, zeta
 
     def start(self, x, y, z):
         """The invariants of the straight ray from the eye, moved into the domain."""
         frame = self.frame
         if frame.eye is None:
-            zeta = np.full(len(x), frame.zeta)
+            zeta = np.full(len(x), frame.zeta, dtype=x.dtype)
             ell = np.sqrt(np.maximum(self.eye_ior**2 - zeta * zeta, 0.0)) * y
         else:
-            away_x = x - frame.eye_radius
-            reach = self.eye_ior / np.sqrt(away_x * away_x + y * y + z * z)
-            ell, zeta = frame.eye_radius * y * reach, z * reach
+            away = x - frame.eye_radius
+            away *= away
+            away += y * y
+            away += z * z
+            np.sqrt(away, out=away)
+            np.divide(self.eye_ior, away, out=away)
+            zeta = z * away
+            away *= y
+            away *= frame.eye_radius
+            ell = away
         return self.into_domain(ell, zeta, 0.95)
 
     def into_domain(self, ell, zeta, part=None):
@@ -684,11 +751,6 @@ class CoaxialPassage:
         x, y, z = targets
         if leg:
             line = self.follow(ell, zeta, slopes=False)
-        elif miss > COARSE and self.smooth:
-            # Lengths and misses then need no more digits than float32 has.
-            x, y, z = (part.astype(np.float32) for part in targets)
-            within, _ = self._within(ell.astype(np.float32), zeta.astype(np.float32))
-            line = self._follow(*within, False)
         else:
             within, _ = self._within(ell, zeta)
             ell, zeta = within[:2]
@@ -698,18 +760,24 @@ class CoaxialPassage:
         if leg:
             off = ell * per
             along = leg[0] * np.sqrt(np.maximum(x * x + y * y - off * off, 0.0))
-        if frame.zeta is not None:
-            rise = 0.0  # the ray's height is free in a parallel view, and no matter in a sphere
-        residual = rise / per
-        residual *= 1.0 / self.ior
-        residual *= residual
-        residual = np.sqrt(across * across + residual)
-        length = line.length + along * (self.ior * per)
-        # Along the axis P² = n² − ζ² keeps few digits, and with it the height of the meeting.
-        blurred = 1e-15 * self.eye_ior**2 / (self.zeta_max**2 - zeta * zeta)
-        away = x if frame.eye is None else x - frame.eye_radius
-        reach = 1.0 + np.sqrt(away * away + y * y + z * z)
-        passes = residual <= miss * np.minimum(reach, FAR) + (1e-12 + blurred) * reach
+        residual = across * across
+        if frame.zeta is None:  # else the ray's height is free, or no matter in a sphere
+            rise /= per
+            rise *= 1.0 / self.ior
+            rise *= rise
+            residual += rise
+        np.sqrt(residual, out=residual)
+        length = along * per
+        length *= self.ior
+        length += line.length
+        if ell.dtype == np.float64:
+            away = x if frame.eye is None else x - frame.eye_radius
+            reach = 1.0 + np.sqrt(away * away + y * y + z * z)
+            # Along the axis P² = n² − ζ² keeps few digits, and with it the height of the meeting.
+            blurred = 1e-15 * self.eye_ior**2 / (self.zeta_max**2 - zeta * zeta)
+            passes = residual <= miss * np.minimum(reach, FAR) + (1e-12 + blurred) * reach
+        else:
+            passes = residual <= miss * np.minimum(1.0 + length, FAR)
         if not leg and len(self.sides) == 1:
             passes &= along * self.sides[0] >= 0.0
         if frame.eye is None:
@@ -754,20 +822,30 @@ class CoaxialPassage:
     def _write_perspective(self, ell, zeta, length, residual, points, view) -> None:
         frame = self.frame
         first, second = self._basis(points)
-        radius = frame.eye_radius
-        zeta2 = zeta * zeta
-        w = np.sqrt(np.maximum((self.eye_ior**2 - zeta2) * radius**2 - ell * ell, 0.0))
+        per = 1.0 / (frame.eye_radius * self.eye_ior)
+        ell, zeta = (part.astype(np.float64, copy=False) for part in (ell, zeta))
         # n·d is w/r along the radius of the eye, ℓ/r across it and ζ along the axis.
-        w *= self.eye_side / (radius * self.eye_ior)
-        turned = ell * (1.0 / (radius * self.eye_ior))
-        direction = [w * float(a) + turned * b for a, b in zip(first, second, strict=True)]
+        w = zeta * zeta
+        np.subtract(self.eye_ior**2, w, out=w)
+        w *= frame.eye_radius**2
+        w -= ell * ell
+        np.maximum(w, 0.0, out=w)
+        np.sqrt(w, out=w)
+        w *= self.eye_side * per
+        turned = ell * per
+        distance = length.astype(np.float64)
+        distance *= frame.scale
+        direction, position = view.room()
+        for a, b, part in zip(first.tolist(), second, direction, strict=True):
+            np.multiply(turned, b, out=part)
+            part += w * a
         if not frame.spherical:
-            direction[2] = zeta * (1.0 / self.eye_ior)
-        distance = np.asarray(length, dtype=np.float64) * frame.scale
-        position = [
-            float(o) * frame.scale + distance * d for o, d in zip(frame.eye, direction, strict=True)
-        ]
-        view.write(direction, distance, position, residual * frame.scale)
+            np.multiply(zeta, 1.0 / self.eye_ior, out=direction[2])
+        for origin, part, place in zip(frame.eye.tolist(), direction, position, strict=True):
+            np.multiply(distance, part, out=place)
+            place += origin * frame.scale
+        residual *= frame.scale
+        view.write(direction, distance, position, residual)
 
     def _write_parallel(self, ell, zeta, line, along, z, length, residual, points, view) -> None:
         frame = self.frame
@@ -834,11 +912,26 @@ def _total(rows):
     return total
 
 
+def _add(total, value, count: int, new: bool) -> None:
+    """Add `count` times a value to a row, or write it there."""
+    if new:
+        np.multiply(value, count, out=total)
+    elif count == 1:
+        total += value
+    elif count == -1:
+        total -= value
+    else:
+        total += count * value
+
+
 def _times(real, imag, other_real, other_imag):
     """Product of two complex arrays given by their parts; the first may be None, for 1."""
     if real is None:
         return other_real, other_imag
-    return real * other_real - imag * other_imag, real * other_imag + imag * other_real
+    product, turned = real * other_real, real * other_imag
+    product -= imag * other_imag
+    turned += imag * other_real
+    return product, turned
 
 
 @dataclass(frozen=True)

@@ -66,14 +66,11 @@ class Slot:
 
     @classmethod
     def empty(cls, sheet: tuple, count: int) -> Slot:
-        """A slot to be written."""
+        """A slot to be written; vectors lie component by component in memory."""
+        # One piece of memory, which the system can hand out in larger pages than eight small ones.
+        columns = np.empty((8, count))
         return cls(
-            sheet,
-            np.empty((count, 3)),
-            np.empty(count),
-            np.empty((count, 3)),
-            np.empty(count, dtype=bool),
-            np.empty(count),
+            sheet, columns[:3].T, columns[6], columns[3:6].T, np.empty(count, bool), columns[7]
         )
 
     @classmethod
@@ -100,10 +97,19 @@ class View:
     slot: Slot
     where: slice | NDArray[np.intp]
 
+    def room(self) -> tuple[list[Floats], list[Floats]]:
+        """Components of direction and position to be computed in place where that can be."""
+        vectors = self.slot.direction, self.slot.position
+        if isinstance(self.where, slice):
+            return tuple([vector[self.where, axis] for axis in range(3)] for vector in vectors)
+        return tuple([np.empty(len(self.where)) for _ in range(3)] for _ in vectors)
+
     def write(self, direction, distance, position, residual) -> None:
-        """Components of vectors as separate arrays (or numbers)."""
+        """Components of vectors as separate arrays (or numbers), in `room` or elsewhere."""
         slot, where = self.slot, self.where
-        for axis in range(3):
-            slot.direction[where, axis] = direction[axis]
-            slot.position[where, axis] = position[axis]
+        for vector, parts in ((slot.direction, direction), (slot.position, position)):
+            for axis, part in enumerate(parts):
+                target = vector[:, axis]
+                if not (isinstance(where, slice) and np.ndim(part) and part.base is vector.base):
+                    target[where] = part
         slot.distance[where], slot.residual[where] = distance, residual

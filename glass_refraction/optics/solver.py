@@ -71,6 +71,10 @@ PATIENCE = 4
 
 def in_blocks(work: Callable[[slice], None], total: int, size: int = BLOCK) -> None:
     """Call `work` for slices that cover range(total), on two threads where there is enough."""
+    if total > size:
+        # As many blocks for one thread as for the other, all alike.
+        pairs = -(-total // (2 * size))
+        size = -(-total // (2 * pairs))
     blocks = [slice(first, min(first + size, total)) for first in range(0, total, size)]
     if len(blocks) < 2:
         for block in blocks:
