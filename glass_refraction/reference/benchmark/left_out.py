@@ -28,8 +28,8 @@ from .text import number, table
 
 TITLE = "What is left out"
 
-ALL_PATHS = 1e-3
-"""Weight below which a path is not even listed when everything is kept."""
+LISTED = 1e-3
+"""Weight below which a path is not even listed."""
 
 
 def run(settings: Settings) -> dict:
@@ -72,7 +72,8 @@ def _scene(settings: Settings, path: Path) -> dict:
 
 def _fuller(settings: Settings) -> Iterator[tuple[str, dict]]:
     """What is kept in place of left out, one thing at a time."""
-    yield f"paths of {100 * ALL_PATHS:g} % and more", {"min_weight": ALL_PATHS}
+    weight = settings.pick(5e-3, 2e-3, 2e-3)
+    yield f"paths of {100 * weight:g} % and more", {"min_weight": weight}
     tolerance = settings.pick(0.25, 0.1, 0.05)
     yield f"subdivided to {tolerance:g} px", {"tolerance_px": tolerance}
 
@@ -127,7 +128,7 @@ def _counts(scene: bpy.types.Scene) -> dict:
     glasses = []
     for glass in read_glasses(depsgraph):
         kept = door.kept_paths(scene, glass, view)
-        listed = optics.light_paths(glass.description, view.eye_for(glass), min_weight=ALL_PATHS)
+        listed = optics.light_paths(glass.description, view.eye_for(glass), min_weight=LISTED)
         found = path_regions(glass, view, listed, smooth=False)
         mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
         carried = dict(zip((path.events for path in listed), mean.tolist(), strict=True))
