@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
 
 import bpy
@@ -22,6 +23,7 @@ import numpy as np
 
 from .. import optics
 from .appearance import Appearance, Search, Solver, Source, moment_of
+from .bake_playback import bake_problems, baked, is_being_baked
 from .changes import generation
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
 from .copies import write_copy, write_moment, write_true_mesh
@@ -71,6 +73,14 @@ class Status:
     milliseconds: float = 0.0
     bound_px: float = 0.0
     problems: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Step:
+    """How far an update has come: the part that is done (0 to 1), and what comes next."""
+
+    share: float
+    label: str
 
 
 @dataclass
@@ -131,6 +141,9 @@ def prepare(
     RefractiveGlassError
         No camera, a camera or a glass that cannot be computed; nothing is changed then.
     """
+    if baked(scene) is not None or is_being_baked(scene):
+        status(scene).problems = bake_problems(scene, effective_shading(scene))
+        return
     settings = scene.refractive_glass
     view_layer = scene.view_layers[0]
     glasses = glass_objects(view_layer)
@@ -208,9 +221,28 @@ def update(
     exact : look at every edge and start from nothing, so that the answer depends on this moment
         alone; else follow from the last answer. By default a render is exact.
     """
+    return finished(updating(scene, depsgraph, exact=exact))
+
+
+def finished(steps: Generator[Step, None, Status]) -> Status:
+    """What an update ends with that is not asked to stop between."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def updating(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, exact: bool | None = None
+) -> Generator[Step, None, Status]:
+    """:func:`update` in steps, one a copy: each may be the last, what stands is then what it was.
+
+    Yields before every copy; returns the status.
+    """
     layers = find_layers(scene)
     memory = memory_of(scene)
-    if layers is None or not scene.refractive_glass.enabled:
+    if layers is None or not scene.refractive_glass.enabled or baked(scene) is not None:
         return memory.status
     started = time.perf_counter()
     is_render = depsgraph.mode == "RENDER"
@@ -229,6 +261,7 @@ def update(
     copies = layers.copies()
     rects = []
     importance: dict[str, float] = {}
+    done = 0
     for pane, glass in panes:
         try:
             regions = _update_regions(scene, memory, pane, glass, view, layers)
@@ -239,7 +272,9 @@ def update(
         importance |= {pane.layer(path): regions.importance(path) for path in pane.paths}
         for path in pane.paths:
             task = _Task(scene, memory, pane, glass, path, view, regions, depsgraph, exact)
-            task.update(copies)
+            for label in task.updating(copies):
+                yield Step(done / max(1, len(copies)), label)
+                done += 1
     _update_occluders(layers, memory, depsgraph)
     if is_render:
         true_shading = effective_shading(scene) == "TRUE"
@@ -430,8 +465,11 @@ class _Task:
     depsgraph: bpy.types.Depsgraph
     exact: bool
 
-    def update(self, copies) -> None:
-        """Find where each source appears, unless nothing changed, and write it."""
+    def updating(self, copies) -> Iterator[str]:
+        """Find where each source appears, unless nothing changed, and write it.
+
+        Yields before each of them what it is.
+        """
         importance = max(self.regions.importance(self.path), 1e-3)
         # What carries little light may lie less exactly: the error in the picture is the product.
         tolerance = min(self.scene.refractive_glass.tolerance_px / importance, MAX_TOLERANCE_PX)
@@ -444,6 +482,7 @@ class _Task:
                 continue
             key = (name, events, uid)
             original = source_of(copy)
+            yield f"{original.name} along {events}"
             with pieces(original, self.depsgraph) as parts:
                 extra = coordinates(parts, dressed_coordinates(copy))
                 source = Source(parts, is_carried(original), extra)

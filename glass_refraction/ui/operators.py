@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from pathlib import Path
 
 import bpy
@@ -21,6 +22,9 @@ SHAPES = (
     ("ROD", "Rod", "A solid cylinder"),
     ("SPHERE", "Sphere", "A hollow ball, or a solid one with wall thickness 0"),
 )
+
+SLICE_SECONDS = 0.05
+"""Work between two looks at the keyboard; one copy may take longer."""
 
 
 class GlassProperties:
@@ -168,13 +172,54 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
     bl_label = "Update Refractive Glass"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        scene = context.scene
         try:
-            door.prepare(scene, context.evaluated_depsgraph_get(), strict=True)
-            found = door.update(scene, context.evaluated_depsgraph_get(), exact=True)
+            return self._end(door.finished(self._steps_of(context)))
         except RefractiveGlassError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+
+    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
+        try:
+            self._steps = self._steps_of(context)
+        except RefractiveGlassError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(SLICE_SECONDS, window=context.window)
+        manager.progress_begin(0, 100)
+        manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type == "ESC":
+            self._steps.close()
+            self._tidy(context)
+            self.report({"WARNING"}, "Update of the refractive glass cancelled")
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        until = time.perf_counter() + SLICE_SECONDS
+        try:
+            while time.perf_counter() < until:
+                step = next(self._steps)
+                context.window_manager.progress_update(int(100 * step.share))
+                context.workspace.status_text_set(
+                    f"Refractive glass: {step.label} ({step.share:.0%})   Esc: cancel"
+                )
+        except StopIteration as end:
+            self._tidy(context)
+            return self._end(end.value)
+        except RefractiveGlassError as error:
+            self._tidy(context)
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"RUNNING_MODAL"}
+
+    def _steps_of(self, context: bpy.types.Context):
+        door.prepare(context.scene, context.evaluated_depsgraph_get(), strict=True)
+        return door.updating(context.scene, context.evaluated_depsgraph_get(), exact=True)
+
+    def _end(self, found: door.Status) -> set[str]:
         for problem in found.problems:
             self.report({"WARNING"}, problem)
         self.report(
@@ -183,6 +228,11 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
             f"{found.milliseconds:.0f} ms, interpolation within {found.bound_px:.2f} px",
         )
         return {"FINISHED"}
+
+    def _tidy(self, context: bpy.types.Context) -> None:
+        context.window_manager.event_timer_remove(self._timer)
+        context.window_manager.progress_end()
+        context.workspace.status_text_set(None)
 
 
 class SCENE_OT_refractive_glass_compare(bpy.types.Operator):
