@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from . import handlers
-from .ui import command, menus, operators, panels, properties
+from .ui import bake, command, menus, operators, overlay, panels, properties
 
-_PARTS = (properties, operators, panels, menus, command, handlers)
+_PARTS = (properties, operators, bake, panels, overlay, menus, command, handlers)
 
 
 def register() -> None:
