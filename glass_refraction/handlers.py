@@ -72,9 +72,22 @@ def _on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph)
     changes.note(scene, depsgraph)
     if _rendering:
         return
+    if _is_echo(depsgraph):
+        return
     # Only what the optics can depend on: an own data-block's change is no news.
     if any(isinstance(u.id, _RELEVANT) and not u.id.get(TAG) for u in depsgraph.updates):
         request_update(scene)
+
+
+def _is_echo(depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether this is what a preparation wrote: an own scene's settings, and nothing has moved.
+
+    All that the own scene shares with the user's is listed too. Answering would go on for ever.
+    """
+    updates = list(depsgraph.updates)
+    return any(own(u.id) for u in updates) and not any(
+        (u.is_updated_geometry or u.is_updated_transform) and not own(u.id) for u in updates
+    )
 
 
 _RELEVANT = (
