@@ -5,6 +5,8 @@ Whatever a user changes, what stands after a live update is compared with what t
 when nothing is known of the past.
 """
 
+import tracemalloc
+
 import bpy
 import numpy as np
 import pytest
@@ -235,6 +237,44 @@ def test_a_still_scene_is_not_even_read():
     for _ in range(3):
         door.update(scene, scenes.depsgraph())
     assert dict(door.counters) == before
+
+
+def test_an_update_makes_no_data_block():
+    """In a frame-change handler of a render that would crash Blender."""
+    scene, ball, glass = _scene()
+    bpy.context.view_layer.update()
+    door.prepare(scene, scenes.depsgraph())
+    kinds = [name for name in dir(bpy.data) if hasattr(getattr(bpy.data, name), "new")]
+    before = {name: {b.name for b in getattr(bpy.data, name)} for name in kinds}
+    for change in (_moved, _glass_moved, _camera_moved, _subdivided):
+        change(scene, ball, glass)
+        bpy.context.view_layer.update()
+        door.update(scene, scenes.depsgraph())
+        assert {name: {b.name for b in getattr(bpy.data, name)} for name in kinds} == before
+
+
+def test_memory_stays_flat_over_a_long_playback():
+    scene, ball, _ = _scene()
+    ball.keyframe_insert("location", frame=1)
+    ball.location.x += 0.02
+    ball.keyframe_insert("location", frame=50)
+    _follow(scene)
+
+    def play():
+        for frame in range(1, 51):
+            scene.frame_set(frame)
+            door.update(scene, scenes.depsgraph())
+
+    play()
+    tracemalloc.start()
+    try:
+        play()
+        first = tracemalloc.get_traced_memory()[0]
+        for _ in range(3):
+            play()
+        assert tracemalloc.get_traced_memory()[0] < first + 100_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_live_move_asks_for_few_points():
