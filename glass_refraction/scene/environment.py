@@ -50,7 +50,7 @@ def surroundings(scene: bpy.types.Scene, shading: str) -> str:
         return ""
     if shading == "TRUE":
         return "ALL"
-    return "" if _is_uniform(scene.world) else "WORLD"
+    return "" if is_uniform(scene.world) else "WORLD"
 
 
 def needs_copies(path: optics.LightPath, around: str) -> bool:
@@ -63,7 +63,7 @@ def needs_copies(path: optics.LightPath, around: str) -> bool:
     return around != "ALL" or "R" not in path.events
 
 
-def _is_uniform(world: bpy.types.World | None) -> bool:
+def is_uniform(world: bpy.types.World | None) -> bool:
     """Whether the world has one colour for all directions."""
     if world is None or world.node_tree is None:
         return True

@@ -27,7 +27,7 @@ from .bake_playback import bake_problems, baked, is_being_baked
 from .changes import generation
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
 from .copies import write_copy, write_moment, write_true_mesh
-from .environment import surroundings, write_rays, write_screen
+from .environment import is_uniform, surroundings, write_rays, write_screen
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
 from .layers import (
@@ -177,7 +177,7 @@ def prepare(
         panes.append(Pane(obj, paths, seen, contents))
     if not panes:
         raise RefractiveGlassError(" ".join(problems))
-    if not any(pane.sources for pane in panes):
+    if not any(pane.sources for pane in panes) and is_uniform(scene.world):
         raise RefractiveGlassError(
             f'Glass "{panes[0].glass.name}": nothing can be seen through it; add a mesh that is '
             "visible in renders (and in its Seen Through collection)"

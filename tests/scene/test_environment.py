@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the glass shows of the world, and of things that the direct picture does not show."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction import optics
+from glass_refraction.scene.environment import (
+    RAYS_PER_PIXEL,
+    is_uniform,
+    last_rays,
+    surroundings,
+)
+from glass_refraction.scene.glasses import glass_modifier, read_glasses
+from glass_refraction.scene.layers import find_layers
+from glass_refraction.scene.modifier_inputs import write_input
+from glass_refraction.scene.regions import path_regions, region_masks
+from glass_refraction.scene.viewpoint import read_viewpoint
+
+WHITE = (1.0, 1.0, 1.0, 1.0)
+
+
+def _world(scene, colour=None, strength=1.0):
+    """A world of one colour, or one whose colour tells the direction: (d + 1) / 2."""
+    world = bpy.data.worlds.new("World")
+    scene.world = world
+    tree = world.node_tree
+    background = next(n for n in tree.nodes if n.type == "BACKGROUND")
+    background.inputs["Strength"].default_value = strength
+    if colour is not None:
+        background.inputs["Color"].default_value = colour
+        return world
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    half = tree.nodes.new("ShaderNodeVectorMath")
+    half.operation = "MULTIPLY_ADD"
+    half.inputs[1].default_value = half.inputs[2].default_value = (0.5, 0.5, 0.5)
+    tree.links.new(place.outputs["Generated"], half.inputs[0])
+    tree.links.new(half.outputs[0], background.inputs["Color"])
+    return world
+
+
+def _speck(colour=(1.0, 1.0, 1.0)):
+    """A thing far out of sight: a glass needs something to show."""
+    bpy.ops.mesh.primitive_plane_add(size=1e-3, location=(0.0, 500.0, -500.0))
+    bpy.context.object.data.materials.append(scenes.emissive("speck", colour))
+
+
+def _expected(scene, events):
+    """The world's colour along the last direction of each pixel's ray, and the path's pixels."""
+    view = read_viewpoint(scene, scenes.depsgraph())
+    glass = read_glasses(scenes.depsgraph())[0]
+    inside = region_masks(scene, scenes.depsgraph())[events]
+    rows, columns = np.nonzero(inside)
+    origins, directions = view.rays(columns + 0.5, rows + 0.5)
+    traced = optics.trace(
+        glass.description, glass.to_local(origins), glass.direction_to_local(directions), events
+    )
+    assert traced.valid.all()
+    return 0.5 * (traced.direction @ glass.to_world[:3, :3].T + 1.0), rows, columns
+
+
+@pytest.mark.parametrize("shading", ["DISPLACED", "TRUE"])
+@pytest.mark.parametrize("camera", [{}, {"type": "ORTHO", "ortho_scale": 0.16}])
+@pytest.mark.parametrize(
+    ("glass", "events"),
+    [({"shape": "SPHERE", "wall_thickness": 0.0}, "TT"), ({"shape": "CYLINDER"}, "TTTT")],
+)
+def test_the_world_is_seen_in_the_last_rays_direction(tmp_path, shading, camera, glass, events):
+    scenes.camera(location=(0.005, -0.5, 0.05), tilt=np.pi / 2, **camera)
+    scene = scenes.settings(100, 75, samples=1, surface="REFRACTION", shading=shading)
+    scene.cycles.filter_width = 0.01
+    _world(scene)
+    scenes.glass(**glass)
+    _speck()
+    found = scenes.picture(scene, tmp_path)
+    expected, rows, columns = _expected(scene, events)
+    assert len(rows) > 300
+    off = np.abs(found[rows, columns, :3] - expected).max(axis=1)
+    # Between traced rays directions are interpolated; close to the verge that is coarse.
+    assert np.quantile(off, 0.9) < 3e-3
+    assert np.median(off) < 6e-4
+
+
+def test_mirrored_world_in_a_ball_is_the_mirrored_direction(tmp_path):
+    scenes.camera(location=(0.0, -0.5, 0.0), tilt=np.pi / 2)
+    scene = scenes.settings(100, 75, samples=1, surface="GLASS", shading="DISPLACED")
+    scene.cycles.filter_width = 0.01
+    _world(scene)
+    obj = scenes.glass(shape="SPHERE", wall_thickness=0.0)
+    # As good as a mirror: nearly all that the ball shows is reflected outside.
+    write_input(glass_modifier(obj), "IOR", 400.0)
+    _speck()
+    found = scenes.picture(scene, tmp_path)
+    expected, rows, columns = _expected(scene, "R")
+    centre = np.hypot(rows - 37, columns - 50) < 15
+    off = np.abs(found[rows, columns, :3] - expected).max(axis=1)[centre]
+    assert centre.sum() > 300
+    assert np.quantile(off, 0.95) < 0.02
+
+
+GLASSES = {
+    "cylinder": {"shape": "CYLINDER"},
+    "cup of water": {"shape": "CYLINDER", "contents_ior": 1.333},
+    "rod": {"shape": "ROD"},
+    "ball of diamond": {"shape": "SPHERE", "wall_thickness": 0.0, "ior": 2.417},
+    "slab": {"shape": "SLAB", "radius": 0.05, "wall_thickness": 0.02},
+}
+
+
+@pytest.mark.parametrize("shading", ["DISPLACED", "TRUE"])
+@pytest.mark.parametrize("turn", [0.0, 1.1])
+@pytest.mark.parametrize("kind", GLASSES)
+def test_in_a_white_world_every_glass_is_white(tmp_path, kind, turn, shading):
+    scenes.camera(location=(0.0, -0.5, 0.05), tilt=np.pi / 2)
+    scene = scenes.settings(64, 48, samples=2, surface="GLASS", shading=shading)
+    _world(scene, WHITE)
+    obj = scenes.glass(**GLASSES[kind])
+    obj.rotation_euler = (turn, 0.3, 0.0)
+    obj.location.z = 0.02 if kind == "slab" else 0.0
+    _speck()
+    found = scenes.picture(scene, tmp_path)
+    assert find_layers(scene) is not None
+    np.testing.assert_allclose(found[..., :3], 1.0, atol=5e-3)
+
+
+def test_a_mirrored_thing_behind_the_camera_is_seen_lit_where_it_is(tmp_path):
+    scenes.camera(location=(0.0, -0.5, 0.06), tilt=np.pi / 2)
+    scene = scenes.settings(100, 75, samples=16, surface="GLASS", shading="TRUE")
+    _world(scene, (0.0, 0.0, 0.0, 1.0))
+    scenes.glass(shape="CYLINDER", ior=2.4)
+    # A wall of light behind the camera: its mirror image is the only light in the picture.
+    bpy.ops.mesh.primitive_plane_add(size=20.0, location=(0.0, -2.0, 0.0))
+    bpy.context.object.rotation_euler = (-np.pi / 2, 0.0, 0.0)
+    bpy.context.object.data.materials.append(scenes.emissive("wall", (1.0, 1.0, 1.0)))
+    found = scenes.picture(scene, tmp_path)
+    view = read_viewpoint(scene, scenes.depsgraph())
+    glass = read_glasses(scenes.depsgraph())[0]
+    x, y = np.array([50.5]), np.array([37.5])
+    _, directions = view.rays(x, y)
+    # Head on, light comes back from all four surfaces.
+    paths = ("R", "TRT", "TTRTT", "TTTRTTT")
+    weights, _ = optics.path_weights(
+        glass.description, glass.to_local(view.eye), glass.direction_to_local(directions), paths
+    )
+    np.testing.assert_allclose(found[37, 50, :3], weights.sum(), rtol=0.1)
+
+
+def test_last_rays_are_the_traced_ones_and_go_on_a_little_beyond_the_region():
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(80, 60, surface="GLASS")
+    scenes.glass(shape="CYLINDER")
+    view = read_viewpoint(scene, scenes.depsgraph())
+    glass = read_glasses(scenes.depsgraph())[0]
+    path = optics.LightPath("TRT")
+    regions = path_regions(glass, view, (optics.LightPath("TTTT"), path))
+    origin, direction, known = last_rays(glass, view, path, regions)
+    assert known.any() and not known.all()
+    np.testing.assert_allclose(np.linalg.norm(direction[known], axis=1), 1.0, atol=0.2)
+    assert np.isfinite(origin).all() and np.isfinite(direction).all()
+    rows, columns = np.nonzero(known)
+    x0, y0 = regions.rect[:2]
+    _, rays = view.rays(x0 + (columns + 0.5) / RAYS_PER_PIXEL, y0 + (rows + 0.5) / RAYS_PER_PIXEL)
+    traced = optics.trace(
+        glass.description, glass.to_local(view.eye), glass.direction_to_local(rays), path
+    )
+    assert 0.3 < traced.valid.mean() < 1.0
+    at = rows[traced.valid], columns[traced.valid]
+    world = traced.direction[traced.valid] @ glass.to_world[:3, :3].T
+    np.testing.assert_allclose(direction[at], world, atol=1e-12)
+
+
+def test_only_a_world_with_a_texture_needs_to_be_looked_up():
+    scenes.camera()
+    scene = scenes.settings()
+    assert is_uniform(None)
+    _world(scene, WHITE)
+    assert surroundings(scene, "DISPLACED") == ""
+    assert surroundings(scene, "TRUE") == "ALL"
+    _world(scene)
+    assert surroundings(scene, "DISPLACED") == "WORLD"
+    scene.render.engine = "BLENDER_WORKBENCH"
+    assert surroundings(scene, "TRUE") == ""
+
+
+def test_the_users_objects_leave_the_own_scenes_unharmed():
+    scenes.camera()
+    wall = scenes.striped_wall()
+    scene = scenes.settings(shading="TRUE")
+    scenes.glass(shape="CYLINDER")
+    bpy.ops.scene.refractive_glass_update()
+    assert wall in find_layers(scene).around.objects[:]
+    scene.refractive_glass.shading = "DISPLACED"
+    bpy.ops.scene.refractive_glass_update()
+    assert wall not in find_layers(scene).around.objects[:]
+    scene.refractive_glass.enabled = False
+    bpy.ops.scene.refractive_glass_update()
+    assert wall.name in scene.objects
+    assert not [i for i in bpy.data.images if i.get("refractive_glass") == "rays"]
