@@ -32,9 +32,10 @@ from .bake_playback import (
     baked,
     composite_group,
     detach,
+    layer_samples,
     under_way,
 )
-from .layers import Layers, find_layers, match_settings
+from .layers import Layers, find_layers
 from .names import RefractiveGlassError
 from .viewpoint import render_size
 
@@ -73,15 +74,22 @@ def _evaluate(
     receiver: Callable[[bpy.types.Depsgraph], None],
     view_layer: str = "",
 ) -> None:
-    """Call ``receiver`` with the depsgraph of each rendered view layer (or the one named)."""
+    """Call ``receiver`` with the depsgraph of each rendered view layer (or the one named).
+
+    The scene's own engine is set again by then: much depends on it.
+    """
     off = {
         "engine": _DepsgraphEngine.bl_idname,
         "use_compositing": False,
         "use_sequencer": False,
-        "use_freestyle": False,
     }
     before = {name: getattr(scene.render, name) for name in off}
-    _DepsgraphEngine.receiver, _DepsgraphEngine.error = receiver, None
+
+    def receive(depsgraph: bpy.types.Depsgraph) -> None:
+        scene.render.engine = before["engine"]
+        receiver(depsgraph)
+
+    _DepsgraphEngine.receiver, _DepsgraphEngine.error = receive, None
     try:
         for name, value in off.items():
             setattr(scene.render, name, value)
@@ -155,7 +163,10 @@ class Baking:
             name: GeometryWriter(self.folder, name, session)
             for name in bakeable_objects(self._layers)
         }
-        self._images = {name: ImageWriter(self.folder, name) for name in bakeable_images(scene)}
+        self._images = {
+            name: ImageWriter(self.folder, name) for name in bakeable_images(scene, self._layers)
+        }
+        self._samples: dict[int, dict[str, int]] = {}
         self._fits = self._old_fits()
         under_way.add(scene.session_uid)
 
@@ -182,13 +193,14 @@ class Baking:
         layer = next((v for v in scene.view_layers if v.use), scene.view_layers[0])
         problems = door.status(scene).problems
         with _engine():
-            _evaluate(scene, lambda depsgraph: door.update(scene, depsgraph), layer.name)
+            _evaluate(scene, self._solve, layer.name)
             self._evaluate_own(frame, self._write_geometry)
         for problem in door.status(scene).problems:
             if problem not in problems:
                 self.problems.append(f"From frame {frame}: {problem}")
-        for name, image in bakeable_images(scene).items():
+        for name, image in bakeable_images(scene, layers).items():
             self._images[name].write(frame, image)
+        self._samples[frame] = layer_samples(layers)
         # All own scenes have the same.
         render = layers.mask.render
         low = (render.border_min_x, render.border_min_y)
@@ -205,7 +217,6 @@ class Baking:
             Blender does not read the files as they were written; the bake is undone then.
         """
         scene, layers = self.scene, self._layers
-        _match(scene, layers)
         old = self._old if self._fits else None
         contents = Contents(
             scene=scene.name,
@@ -215,6 +226,7 @@ class Baking:
             size=render_size(scene),
             shading=door.effective_shading(scene),
             border=_union(old.border, self._border) if old is not None else self._border,
+            samples=(old.samples if old is not None else {}) | self._samples,
             objects=sorted(self._objects),
             images=sorted(self._images),
         )
@@ -232,7 +244,6 @@ class Baking:
     def cancel(self) -> None:
         """Leave the folder as it was, and the scene, if its former bake still fits it."""
         discard(self.folder)
-        _match(self.scene, self._layers)
         if self._before is not None and self._fits:
             attach(self.scene, self._layers, self.directory, self._old)
         self._leave()
@@ -287,6 +298,13 @@ class Baking:
             and old.shading == door.effective_shading(self.scene)
         )
 
+    def _solve(self, depsgraph: bpy.types.Depsgraph) -> None:
+        under_way.discard(self.scene.session_uid)
+        try:
+            door.update(self.scene, depsgraph)
+        finally:
+            under_way.add(self.scene.session_uid)
+
     def _evaluate_own(self, frame: int, receiver) -> None:
         """Evaluate the own scenes at the frame; ``receiver(name, evaluated)`` gets each object."""
         names = {obj.session_uid: name for name, obj in bakeable_objects(self._layers).items()}
@@ -337,6 +355,9 @@ def free(scene: bpy.types.Scene) -> Path | None:
     contents = read_contents(bake.folder)
     if contents is not None and contents.file in {"", _file()}:
         remove(bake.folder, contents)
+    layers = find_layers(scene)
+    if layers is not None:
+        detach(scene, layers)
     door.remove(scene)
     return bake.folder if bake.folder.is_dir() else None
 
@@ -372,11 +393,6 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RefractiveGlassError(f"{folder} cannot be made: {error.strerror}") from error
-
-
-def _match(scene: bpy.types.Scene, layers: Layers) -> None:
-    """Give the own scenes the user's settings again, which the bake's engine had changed."""
-    match_settings(scene, layers, (0, 0, 1, 1), door.effective_shading(scene) == "TRUE")
 
 
 def _shape(mesh: bpy.types.Mesh) -> tuple[int, int]:

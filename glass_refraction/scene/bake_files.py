@@ -29,7 +29,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .names import RefractiveGlassError
+from .names import RefractiveGlassError, hidden_name
 
 CONTENTS = "bake.json"
 GEOMETRY, IMAGES = "geometry", "images"
@@ -71,6 +71,7 @@ class Contents:
     size : width and height of the rendered picture, pixels.
     shading : ``TRUE`` or ``DISPLACED``, as it took effect.
     border : share of the picture (x0, y0, x1, y1) that glasses cover in any baked frame.
+    samples : frame -> own view layer -> samples of the renderer.
     objects : folder names of the baked objects.
     images : folder names of the baked images.
     """
@@ -82,6 +83,7 @@ class Contents:
     size: tuple[int, int] = (0, 0)
     shading: str = "TRUE"
     border: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
+    samples: dict[int, dict[str, int]] = field(default_factory=dict)
     objects: list[str] = field(default_factory=list)
     images: list[str] = field(default_factory=list)
 
@@ -106,6 +108,8 @@ def read_contents(folder: Path) -> Contents | None:
         values = json.loads(path.read_text(encoding="utf-8"))
         found = Contents(**values)
         found.size, found.border = tuple(found.size), tuple(found.border)
+        # JSON's keys are text.
+        found.samples = {int(frame): values for frame, values in found.samples.items()}
     except (ValueError, TypeError) as error:
         raise RefractiveGlassError(f"{path} is no list of baked frames: {error}") from error
     return found
@@ -244,9 +248,21 @@ class ImageWriter:
         if self._last is not None and self._last[0] == digest:
             _same_file(self._last[1], path)
         else:
-            image.file_format = "OPEN_EXR"
-            image.save(filepath=str(path), save_copy=True)
+            _save(pixels, image.size, path)
         self._last = (digest, path)
+
+
+def _save(pixels: np.ndarray, size, path: Path) -> None:
+    # The image itself may be one of those that Blender saves without their alpha.
+    whole = bpy.data.images.new(hidden_name("saved"), *size, alpha=True, float_buffer=True)
+    try:
+        whole.colorspace_settings.is_data = True
+        whole.alpha_mode = "CHANNEL_PACKED"
+        whole.pixels.foreach_set(pixels)
+        whole.file_format = "OPEN_EXR"
+        whole.save(filepath=str(path), save_copy=True)
+    finally:
+        bpy.data.images.remove(whole)
 
 
 def image_file(name: str, frame: int) -> str:

@@ -25,7 +25,7 @@ KERNEL = "kernel"
 """Role of images that are the same in every frame and scene: the file keeps them itself."""
 
 under_way: set[int] = set()
-"""Session uids of the scenes that are being baked: nobody else prepares them meanwhile."""
+"""Session uids of the scenes that are being baked."""
 
 _MARK = "refractive_glass_bake"
 
@@ -64,9 +64,9 @@ def baked(scene: bpy.types.Scene) -> Baked | None:
     return Baked(**{**values, "size": tuple(values["size"])})
 
 
-def is_being_baked(scene: bpy.types.Scene) -> bool:
-    """Whether a bake of the scene is under way."""
-    return scene.session_uid in under_way
+def is_held(scene: bpy.types.Scene) -> bool:
+    """Whether the scene is not to be prepared or solved: it is baked, or a bake is at it."""
+    return scene.session_uid in under_way or baked(scene) is not None
 
 
 def bake_problems(scene: bpy.types.Scene, shading: str) -> list[str]:
@@ -120,10 +120,19 @@ def bakeable_objects(layers: Layers) -> dict[str, bpy.types.Object]:
     return found
 
 
-def bakeable_images(scene: bpy.types.Scene) -> dict[str, bpy.types.Image]:
+def bakeable_images(scene: bpy.types.Scene, layers: Layers) -> dict[str, bpy.types.Image]:
     """Folder name -> each own image that the extension writes frame by frame."""
-    images = {node.image for node in _image_nodes(scene)}
+    images = {node.image for node in _image_nodes(scene, layers)}
     return {file_name(i.name.lstrip(".")): i for i in images if not own(i, KERNEL)}
+
+
+def layer_samples(layers: Layers) -> dict[str, int]:
+    """The samples of each own view layer, which may differ from frame to frame."""
+    return {
+        _layer_name(own_scene, layer): layer.samples
+        for own_scene in layers.all()
+        for layer in own_scene.view_layers
+    }
 
 
 def attach(scene: bpy.types.Scene, layers: Layers, directory: str, contents: Contents) -> None:
@@ -137,18 +146,22 @@ def attach(scene: bpy.types.Scene, layers: Layers, directory: str, contents: Con
     for name, obj in bakeable_objects(layers).items():
         _play_geometry(obj, f"{base}/{GEOMETRY}/{name}")
     span = contents.span
-    for name, image in bakeable_images(scene).items():
+    nodes = list(_image_nodes(scene, layers))
+    for name, image in bakeable_images(scene, layers).items():
         image.filepath = f"{base}/{IMAGES}/{name}/{image_file(name, span.start)}"
         image.source = "SEQUENCE"
-        for node in _image_nodes(scene):
+        for node in nodes:
             if node.image == image:
-                node.frame_start, node.frame_duration = span.start, len(span)
+                # Of shaders a part of the node has what compositor nodes have themselves.
+                user = getattr(node, "image_user", node)
+                user.frame_start, user.frame_duration = span.start, len(span)
                 # The file's number is the frame's.
-                node.frame_offset = span.start - 1
-                node.use_cyclic, node.use_auto_refresh = False, True
-    for node in _image_nodes(scene):
+                user.frame_offset = span.start - 1
+                user.use_cyclic, user.use_auto_refresh = False, True
+    for node in nodes:
         if own(node.image, KERNEL) and node.image.packed_file is None:
             node.image.pack()
+    _animate_samples(layers, contents.samples)
     _take_cameras(scene, layers)
     _set_border(scene, layers, contents.border)
     bake = Baked(
@@ -170,13 +183,14 @@ def detach(scene: bpy.types.Scene, layers: Layers) -> None:
                 obj.modifiers.remove(modifier)
             else:
                 modifier.show_render = modifier.show_viewport = True
-    for image in bakeable_images(scene).values():
+    for image in bakeable_images(scene, layers).values():
         if image.source == "SEQUENCE":
             image.source = "GENERATED"
             image.use_generated_float = True
             image.filepath = ""
     for own_scene in layers.all():
         own_scene.timeline_markers.clear()
+        _still(own_scene)
     group = composite_group(scene)
     if group is not None and _MARK in group:
         del group[_MARK]
@@ -200,16 +214,61 @@ def _play_geometry(obj: bpy.types.Object, directory: str) -> None:
     bake.use_custom_path, bake.directory = True, directory
 
 
-def _image_nodes(scene: bpy.types.Scene) -> Iterator[bpy.types.Node]:
-    """The nodes with the extension's own images in its compositor group."""
-    trees = [composite_group(scene)]
-    while trees:
-        tree = trees.pop()
-        for node in tree.nodes if tree is not None else ():
-            if node.bl_idname == "CompositorNodeImage" and own(node.image):
+def _image_nodes(scene: bpy.types.Scene, layers: Layers) -> Iterator[bpy.types.Node]:
+    """The nodes with the extension's own images: in its compositor group, in own materials."""
+    trees = {composite_group(scene): None}
+    for obj in bakeable_objects(layers).values():
+        materials = [slot.material for slot in obj.material_slots]
+        trees |= {material.node_tree: None for material in materials if own(material)}
+    waiting, seen = list(trees), set()
+    while waiting:
+        tree = waiting.pop()
+        if tree is None or tree in seen:
+            continue
+        seen.add(tree)
+        for node in tree.nodes:
+            if own(getattr(node, "image", None)):
                 yield node
-            elif node.bl_idname == "CompositorNodeGroup":
-                trees.append(node.node_tree)
+            elif node.type == "GROUP":
+                waiting.append(node.node_tree)
+
+
+def _layer_name(own_scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> str:
+    return f"{own_scene[TAG]} {layer.name}"
+
+
+def _animate_samples(layers: Layers, samples: dict[int, dict[str, int]]) -> None:
+    """Give the own view layers the samples of each frame."""
+    for own_scene in layers.all():
+        _still(own_scene)
+        for layer in own_scene.view_layers:
+            name = _layer_name(own_scene, layer)
+            values = {frame: samples[frame][name] for frame in sorted(samples)}
+            if len(set(values.values())) > 1:
+                for frame, value in values.items():
+                    layer.samples = value
+                    layer.keyframe_insert("samples", frame=frame)
+            elif values:
+                layer.samples = next(iter(values.values()))
+        for curve in _curves(own_scene):
+            for point in curve.keyframe_points:
+                point.interpolation = "CONSTANT"
+
+
+def _still(own_scene: bpy.types.Scene) -> None:
+    """Take an own scene's animation away."""
+    action = own_scene.animation_data.action if own_scene.animation_data is not None else None
+    own_scene.animation_data_clear()
+    if action is not None and action.users == 0:
+        bpy.data.actions.remove(action)
+
+
+def _curves(own_scene: bpy.types.Scene) -> list[bpy.types.FCurve]:
+    if own_scene.animation_data is None or own_scene.animation_data.action is None:
+        return []
+    layers = own_scene.animation_data.action.layers
+    bags = [bag for layer in layers for strip in layer.strips for bag in strip.channelbags]
+    return [curve for bag in bags for curve in bag.fcurves]
 
 
 def _take_cameras(scene: bpy.types.Scene, layers: Layers) -> None:

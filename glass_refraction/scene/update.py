@@ -23,7 +23,7 @@ import numpy as np
 
 from .. import optics
 from .appearance import Appearance, Search, Solver, Source, moment_of
-from .bake_playback import bake_problems, baked, is_being_baked
+from .bake_playback import bake_problems, is_held
 from .changes import generation
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
 from .copies import write_copy, write_moment, write_true_mesh
@@ -141,7 +141,7 @@ def prepare(
     RefractiveGlassError
         No camera, a camera or a glass that cannot be computed; nothing is changed then.
     """
-    if baked(scene) is not None or is_being_baked(scene):
+    if is_held(scene):
         status(scene).problems = bake_problems(scene, effective_shading(scene))
         return
     settings = scene.refractive_glass
@@ -242,7 +242,7 @@ def updating(
     """
     layers = find_layers(scene)
     memory = memory_of(scene)
-    if layers is None or not scene.refractive_glass.enabled or baked(scene) is not None:
+    if layers is None or not scene.refractive_glass.enabled or is_held(scene):
         return memory.status
     started = time.perf_counter()
     is_render = depsgraph.mode == "RENDER"

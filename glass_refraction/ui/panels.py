@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..scene import update as door
+from . import bake
 from .operators import (
     OBJECT_OT_refractive_glass_modifier_add,
     SCENE_OT_refractive_glass_compare,
@@ -42,6 +43,7 @@ class _Settings:
         row = layout.row(align=True)
         row.operator(SCENE_OT_refractive_glass_update.bl_idname, text="Update")
         row.operator(SCENE_OT_refractive_glass_compare.bl_idname, text="Compare")
+        bake.draw(layout, context)
 
 
 class RENDER_PT_refractive_glass(_Settings, bpy.types.Panel):
