@@ -75,8 +75,17 @@ void main()
     if (abs(1.0 / inverse - place_at.w) < near && share > 0.999 && is_sharp != 0) {
       found = sharp(place, size - 1);
     }
-    else if (share > 0.02) {
-      found = sum / share;
+    else {
+      /* A line that an overlay drew, a pixel wide, has a depth of its own: look past it. */
+      for (int k = 0; share <= 0.02 && k < 16; k++) {
+        ivec2 pixel = clamp(ivec2(base) + ivec2(k % 4 - 1, k / 4 - 1), ivec2(0), size - 1);
+        float weight = abs(depth_at(pixel) - place_at.w) < 2.0 * near ? 0.01 : 0.0;
+        sum += weight * texelFetch(direct_tx, pixel, 0);
+        share += weight;
+      }
+      if (share > 0.0) {
+        found = sum / share;
+      }
     }
   }
   frag_colour = found;

@@ -20,6 +20,7 @@ from .picture import Pane, Picture, affine4, drawn, rect_matrix, weight_planes
 SIDE = 2
 """Samples a side of each pixel at rest."""
 HULL_SIDE = 4
+HULL_LIVE_SIDE = 2
 MAX_SAMPLES = 8_000_000
 """Of one glass; larger ones get one sample a pixel."""
 LOOKUP_PX = 4.0
@@ -47,7 +48,8 @@ class Painter:
         Parameters
         ----------
         framebuffer : the view's own: scene colours and depth. The bound one is the overlay's.
-        overlay_backdrop : (4,) what the view shows where nothing is, in the overlay's colours.
+        overlay_backdrop : (4,) what the view shows where nothing is, linear; it lies in the
+            overlay, is added to the scene and so has no alpha.
         """
         view = picture.view
         panes = sorted(picture.panes.values(), key=lambda p: -p.distance(view))
@@ -55,6 +57,9 @@ class Painter:
         if not panes:
             return
         beyond = self._read_direct(framebuffer, view)
+        if not picture.exact:
+            # Faint paths are not looked at now; a guess is better than a hole.
+            beyond = None
         self._drop_unused(panes)
         for pane in panes:
             self._pane(pane, view, framebuffer, beyond, overlay_backdrop, picture.exact)
@@ -86,11 +91,11 @@ class Painter:
         x0, y0, x1, y1 = pane.rect
         width, height = x1 - x0, y1 - y0
         side = SIDE if is_sharp and width * height * SIDE**2 <= MAX_SAMPLES else 1
-        matrix = rect_matrix(view, pane.rect)
-        hull = self._offscreen("hull", HULL_SIDE * width, HULL_SIDE * height, "RGBA8")
+        edge = HULL_SIDE if is_sharp else HULL_LIVE_SIDE
+        hull = self._offscreen("hull", edge * width, edge * height, "RGBA8")
         with hull.bind():
-            self._begin(HULL_SIDE * width, HULL_SIDE * height)
-            self._draw_hull(pane, view, matrix)
+            self._begin(edge * width, edge * height)
+            self._draw_hull(pane, view, edge)
         total = self._offscreen("sum", width, height, "RGBA16F")
         with total.bind():
             self._begin(width, height)
@@ -109,10 +114,10 @@ class Painter:
             self._add(pane, layer.texture_color, 0, rest, beyond)
             self._add(pane, layer.texture_color, 0, dark, (0.0, 0.0, 0.0, 1.0))
         with framebuffer.bind():
-            self._result(pane, view, hull, total, 0, "MULTIPLY")
-            self._result(pane, view, hull, total, 1, "ADDITIVE_PREMULT")
-        self._result(pane, view, hull, total, 2, "MULTIPLY")
-        self._result(pane, view, hull, total, 3, "ADDITIVE_PREMULT", backdrop)
+            self._result(pane, view, hull, total, edge, 0)
+            self._result(pane, view, hull, total, edge, 1)
+        self._result(pane, view, hull, total, edge, 2)
+        self._result(pane, view, hull, total, edge, 3, backdrop)
 
     @staticmethod
     def _begin(width: int, height: int) -> None:
@@ -120,8 +125,9 @@ class Painter:
         gpu.state.viewport_set(0, 0, width, height)
         gpu.state.blend_set("NONE")
 
-    def _draw_hull(self, pane: Pane, view: Viewpoint, matrix) -> None:
+    def _draw_hull(self, pane: Pane, view: Viewpoint, side: int) -> None:
         vertices, faces = pane.hull
+        matrix = rect_matrix(view, pane.rect)
         batch = self._batch(
             ("hull", pane.glass.name),
             (pane.version, view.stamp()),
@@ -138,7 +144,7 @@ class Painter:
         shader.bind()
         self._lookup_uniforms(shader, view)
         shader.uniform_int("origin", pane.rect[:2])
-        shader.uniform_int("side", [HULL_SIDE])
+        shader.uniform_int("side", [side])
         batch.draw(shader)
 
     def _draw_copies(self, pane: Pane, path, view: Viewpoint, is_sharp: bool) -> None:
@@ -191,16 +197,16 @@ class Painter:
         self._quad().draw(shader)
         gpu.state.blend_set("NONE")
 
-    def _result(self, pane: Pane, view, hull, total, part: int, blend: str, backdrop=None) -> None:
+    def _result(self, pane: Pane, view, hull, total, side: int, part: int, backdrop=None) -> None:
         shader = _shader("result")
         shader.bind()
         gpu.state.depth_test_set("NONE")
-        gpu.state.blend_set(blend)
+        gpu.state.blend_set("ADDITIVE_PREMULT" if part % 2 else "MULTIPLY")
         shader.uniform_sampler("hull_tx", hull.texture_color)
         shader.uniform_sampler("sum_tx", total.texture_color)
         shader.uniform_sampler("direct_tx", self._direct)
         shader.uniform_int("origin", pane.rect[:2])
-        shader.uniform_int("side", [HULL_SIDE])
+        shader.uniform_int("side", [side])
         shader.uniform_int("part", [part])
         shader.uniform_float("backdrop", backdrop or (0.0, 0.0, 0.0, 0.0))
         size = (*view.size, *view.size)

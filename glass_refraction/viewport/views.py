@@ -109,7 +109,8 @@ def mark_glasses(on: bool | None = None) -> None:
     for obj in bpy.data.objects:
         modifier = glass_modifier(obj) if obj.type == "MESH" and obj.is_editable else None
         if modifier is not None and has_input(modifier, EDGES):
-            write_input(modifier, EDGES, on)
+            computed = any(scene.refractive_glass.enabled for scene in obj.users_scene)
+            write_input(modifier, EDGES, on and computed)
 
 
 def _before_view() -> None:
@@ -146,9 +147,12 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     space, region, scene = context.space_data, context.region, context.scene
     view.space = space.as_pointer()
     layer = context.view_layer
-    if not scene.refractive_glass.enabled or layer.depsgraph is None:
-        view.picture = Picture()
+    if layer.depsgraph is None or space.shading.type == "WIREFRAME":
+        return
+    if not scene.refractive_glass.enabled:
         view.stop()
+        view.picture = Picture()
+        _unmarked(layer, False)
         return
     matrices = region.data
     eye = view_eye(
@@ -161,7 +165,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if not picture.matches(scene, eye):
         view.stop()
         picture.update(scene, layer, layer.depsgraph, eye, exact=False, space=space)
-        picture.problems += _unmarked(layer)
+        picture.problems += _unmarked(layer, True)
     if not picture.exact:
         _ask_for_rest()
     if view.painter is None:
@@ -169,18 +173,17 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.painter.paint(picture, view.framebuffer, _backdrop(context))
 
 
-def _unmarked(layer: bpy.types.ViewLayer) -> list[str]:
-    """Glasses that still show faces: newly added ones are asked to hide them, others told of."""
+def _unmarked(layer: bpy.types.ViewLayer, wanted: bool) -> list[str]:
+    """Have glasses marked that are not as wanted, newly added ones; lines for those that cannot."""
     problems = []
     for obj in layer.objects:
         modifier = glass_modifier(obj) if obj.type == "MESH" else None
         if modifier is None:
             continue
         if not has_input(modifier, EDGES) or not obj.is_editable:
-            problems.append(
-                f'Glass "{obj.name}" hides what is behind it: linked, or of an old file'
-            )
-        elif not read_input(modifier, EDGES):
+            reason = "it is linked, or of an old file"
+            problems.append(f'Glass "{obj.name}" hides what is behind it: {reason}')
+        elif read_input(modifier, EDGES) != wanted:
             _soon(_mark_shown)
     return problems
 
@@ -190,15 +193,16 @@ def _mark_shown() -> None:
 
 
 def _backdrop(context: bpy.types.Context) -> tuple[float, float, float, float]:
-    """The colour behind everything, where one colour tells: in Solid shading."""
+    """The colour behind everything, linear, where one colour tells: in Solid shading."""
     shading = context.space_data.shading
     if shading.background_type == "VIEWPORT":
         colour = shading.background_color
     elif shading.background_type == "WORLD" and context.scene.world is not None:
         colour = context.scene.world.color
     else:
-        colour = context.preferences.themes[0].view_3d.space.gradients.high_gradient
-    return (*colour, 1.0)
+        theme = context.preferences.themes[0].view_3d.space.gradients.high_gradient
+        colour = [c / 12.92 if c < 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in theme]
+    return (*colour, 0.0)
 
 
 def _ask_for_rest() -> None:
@@ -220,7 +224,8 @@ def _rest() -> float | None:
         if window.screen.is_animation_playing:
             return REST_SECONDS
         if not view.picture.matches(window.scene, view.picture.view):
-            # It is about to be drawn anew, and then asks again.
+            # Once it is drawn anew, it asks again.
+            region.tag_redraw()
             continue
         try:
             while time.perf_counter() < until and not view.picture.exact:
