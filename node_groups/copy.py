@@ -8,7 +8,7 @@ carrier that has faces of its own (a refined source) is drawn itself.
 
 Carrier attributes: ``rg_seen`` (float, point; 1 = has an image, 0 = lies on the fold instead, far
 below 0 = no face may use it), ``rg_lookup`` (colour, point: where the true place is in the direct
-picture), ``rg_normal`` (vector, corner; refined carriers only).
+picture; only of copies that are looked up), ``rg_normal`` (vector, corner; refined carriers only).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ def build():
     b.socket("Geometry", "Geometry", description="The carrier")
     b.socket("Source", "Object", description="The object that is seen through the glass")
     b.socket("Slots", "Int", default=1, minimum=1, description="Images of each vertex")
+    b.socket("Whole", "Bool", description="Every vertex has an image: no face is to be dropped")
     group = b.node("NodeGroupInput")
     carrier = group.outputs["Geometry"]
 
@@ -66,25 +67,15 @@ def build():
         node.inputs["Name"].default_value = name
         return enabled(node.outputs, "Attribute")
 
-    lookup = b.node("StoreNamedAttribute", data_type="FLOAT_COLOR", domain="POINT")
-    lookup.inputs["Name"].default_value = "rg_lookup"
-    b.link(capture.outputs["Geometry"], lookup.inputs["Geometry"])
-    b.link(
-        from_carrier("FLOAT_COLOR", named("FLOAT_COLOR", "rg_lookup")),
-        enabled(lookup.inputs, "Value"),
-    )
-
-    stored = lookup.outputs[0]
-    for name in COORDINATES:
-        store = b.node("StoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
+    stored = capture.outputs["Geometry"]
+    carried = [("FLOAT_COLOR", "rg_lookup"), *(("FLOAT_VECTOR", name) for name in COORDINATES)]
+    for kind, name in carried:
+        store = b.node("StoreNamedAttribute", data_type=kind, domain="POINT")
         store.inputs["Name"].default_value = name
         b.link(stored, store.inputs["Geometry"])
-        b.link(
-            from_carrier("FLOAT_VECTOR", named("FLOAT_VECTOR", name)),
-            enabled(store.inputs, "Value"),
-        )
+        b.link(from_carrier(kind, named(kind, name)), enabled(store.inputs, "Value"))
         # Only what the carrier holds, lest the source's own attribute of that name be lost.
-        there = b.node("InputNamedAttribute", data_type="FLOAT_VECTOR")
+        there = b.node("InputNamedAttribute", data_type=kind)
         there.inputs["Name"].default_value = name
         held = b.node("SampleIndex", data_type="BOOLEAN", domain="POINT")
         b.link(carrier, held.inputs["Geometry"])
@@ -107,8 +98,11 @@ def build():
     b.link(move.outputs[0], drop.inputs["Geometry"])
     b.link(unseen.outputs[0], drop.inputs["Selection"])
 
+    # Looking for faces to drop takes as long as all the rest.
+    left = b.switch("GEOMETRY", group.outputs["Whole"], drop.outputs[0], move.outputs[0])
+
     normals = b.node("SetMeshNormal", mode="FREE", domain="CORNER")
-    b.link(drop.outputs[0], normals.inputs["Mesh"])
+    b.link(left, normals.inputs["Mesh"])
     b.link(capture.outputs["Normal"], enabled(normals.inputs, "Custom Normal"))
     end = b.node("NodeGroupOutput")
     b.link(normals.outputs[0], end.inputs[0])

@@ -45,6 +45,7 @@ def write_copy(
     lookup = None
     if looked_up:
         lookup = np.tile(view.lookup(shape.triangles.points), (len(slots), 1))
+    write_input(copy.modifiers[0], "Whole", bool(seen.min() == 1.0))
     if shape.refined:
         _write_repeated(copy, source.mesh(), shape.triangles, len(slots))
         _write_carrier(copy.data, where, seen, lookup, keep_mesh=True)
