@@ -100,15 +100,14 @@ def _slots(glass, path, eye, some, tolerance, guess, finite) -> tuple[list[Slot]
 
 def _finite(points) -> NDArray[np.bool_] | None:
     """Which points are finite; None for all."""
-    if _within(points, np.inf):
+    if _largest(points) < np.inf:
         return None
     return np.isfinite(points).all(axis=-1)
 
 
-def _within(vectors, size: float) -> bool:
-    """Whether all components are smaller than `size`."""
-    low, high = vectors.min(initial=0.0), vectors.max(initial=0.0)
-    return bool(low > -size and high < size)  # not so if there is a NaN
+def _largest(vectors) -> float:
+    """The greatest absolute component; NaN if there is one."""
+    return max(-vectors.min(initial=0.0), vectors.max(initial=0.0))
 
 
 @lru_cache(maxsize=256)
@@ -210,10 +209,10 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
     # Newton squares the error: the step that follows one this small is below the tolerance, even
     # near the edge of a domain, where the square is multiplied by 10⁵ and more. Where only few
     # digits are asked for, what `put` finds wrong is worth another step.
-    coarse = tolerance > 1e-7 and passage.smooth and _within(slots.points, passage.widest)
+    coarse = tolerance > 1e-7 and passage.smooth and _largest(slots.points) < passage.widest
     narrow = coarse and tolerance > COARSE
     small = 1e-9 if tolerance <= 1e-8 else (0.5 if narrow else 0.3) * tolerance**0.5
-    left, most = [], []
+    left, most, retry = [], [], []
 
     def refine(unknowns, solved):
         unknowns = [part.astype(np.float64, copy=False) for part in unknowns]
@@ -251,16 +250,27 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
                 steps = steps + more
         settled = slots.put(MAIN, block, unknowns, targets, True)
         if not settled.all():
+            lost = ~settled
             if narrow:
-                again = np.flatnonzero(~settled & (steps <= ROUGH))
-                targets = passage.targets(points[again])
-                fine, more = refine([u[again] for u in unknowns], targets[: passage.solved])
-                settled[again] = slots.put(MAIN, block.start + again, fine, targets, True)
-                steps[again] += more
-            left.append(block.start + np.flatnonzero(~settled))
+                again = np.flatnonzero(lost & (steps <= ROUGH))
+                retry.append((block.start + again, *(u[again] for u in unknowns), steps[again]))
+                lost[again] = False
+            left.append(block.start + np.flatnonzero(lost))
         most.append(int((steps * settled).max(initial=0)))
 
     in_blocks(work, len(slots.points))
+    if retry:
+        # Where float32 is not enough, on from where it led.
+        index, *unknowns, steps = (np.concatenate(part) for part in zip(*retry, strict=True))
+
+        def again(block: slice) -> None:
+            targets = passage.targets(slots.points[index[block]])
+            fine, more = refine([u[block] for u in unknowns], targets[: passage.solved])
+            settled = slots.put(MAIN, index[block], fine, targets, True)
+            left.append(index[block][~settled])
+            most.append(int(((steps[block] + more) * settled).max(initial=0)))
+
+        in_blocks(again, len(index))
     left = np.sort(np.concatenate(left)) if left else np.zeros(0, dtype=np.intp)
     return left, max(most, default=0)
 
@@ -273,7 +283,7 @@ def _guessed(guess, passage, finite) -> NDArray | None:
     directions = np.asarray(guess.direction[guess.sheet.index(name)], dtype=float)
     if finite is not None:
         directions = directions[finite]
-    return directions if _within(directions, 1.0 + 1e-6) else None
+    return directions if _largest(directions) < 1.0 + 1e-6 else None
 
 
 def _by_curves(slots: Slots, left) -> None:
