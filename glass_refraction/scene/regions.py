@@ -139,7 +139,7 @@ class _Rays:
         if not len(x):
             none = np.zeros((len(self.paths), 0))
             return none, np.zeros(0, bool), none > 0
-        eye, directions = self._local(x, y)
+        eye, directions = self.view.rays_in(self.glass, x, y)
         description = self.glass.description
         missed, _ = optics.path_weights(description, eye, directions, (optics.LightPath(""),))
         found, _ = optics.path_weights(unbounded(description), eye, directions, self.paths)
@@ -151,7 +151,7 @@ class _Rays:
 
     def bounded(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(P, M) whether the path is taken with every face met within its extent."""
-        eye, directions = self._local(x, y)
+        eye, directions = self.view.rays_in(self.glass, x, y)
         found, _ = optics.path_weights(self.glass.description, eye, directions, self.paths)
         return (found > 0) & ~self._leaves_sideways(eye, directions)
 
@@ -174,11 +174,6 @@ class _Rays:
             sides = _turn(a, b, p) * _turn(a, b, q)
             crossed |= (sides < 0) & (_turn(p, q, a) * _turn(p, q, b) < 0)
         return crossed
-
-    def _local(self, x, y):
-        origins, directions = self.view.rays(x, y)
-        eye = self.glass.to_local(origins if self.view.is_parallel else self.view.eye)
-        return eye, self.glass.direction_to_local(directions)
 
     def filtered(self, x: np.ndarray, y: np.ndarray):
         """Means over the pixel filter of the rays that meet the glass (P, M); their share (M,)."""
@@ -225,19 +220,24 @@ def _spread(weights: np.ndarray, known: np.ndarray, steps: int = 3) -> None:
 
     The rendered outline may cover a trace of a pixel of which no ray here met the glass.
     """
+    height, width = known.shape
     for _ in range(steps):
-        total, count = np.zeros_like(weights), np.zeros(known.shape)
+        reached = np.zeros_like(known)
         for dy in (-1, 0, 1):
             for dx in (-1, 0, 1):
-                _, there = _shifted(np.where(known, weights, 0.0), dy, dx)
-                target, _ = _shifted(total, dy, dx)
-                target += there
-                _, there = _shifted(known[None].astype(float), dy, dx)
-                target, _ = _shifted(count[None], dy, dx)
-                target += there
-        grown = ~known & (count > 0)
-        weights[:, grown] = total[:, grown] / count[grown]
-        known |= grown
+                here, there = _shifted(known[None], dy, dx)
+                target, _ = _shifted(reached[None], dy, dx)
+                target[0] |= there[0] & ~here[0]
+        rows, columns = np.nonzero(reached)
+        total, count = np.zeros((len(weights), len(rows))), np.zeros(len(rows))
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                y, x = np.clip(rows + dy, 0, height - 1), np.clip(columns + dx, 0, width - 1)
+                counts = known[y, x]
+                total += np.where(counts, weights[:, y, x], 0.0)
+                count += counts
+        weights[:, rows, columns] = total / count
+        known |= reached
 
 
 def region_masks(

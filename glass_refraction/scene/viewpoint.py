@@ -93,23 +93,41 @@ class Viewpoint:
 
     def rays(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World origins and unit directions (M, 3) of the rays through pixel coordinates (M,)."""
+        found = affine(_in_plane(x, y), self.ray_matrix(), np.empty((len(x), 3)))
+        if self.is_parallel:
+            return found, np.broadcast_to(self.forward, found.shape)
+        found /= np.sqrt(np.einsum("mk,mk->m", found, found))[:, None]
+        return np.broadcast_to(self.eye, found.shape), found
+
+    def rays_in(self, glass: Glass, x: np.ndarray, y: np.ndarray):
+        """The eye (3,) or origins (M, 3), and directions (M, 3), not unit, in a glass's frame."""
+        pose, matrix = glass.from_world(), self.ray_matrix()
+        local = pose[:, :3] @ matrix
+        if self.is_parallel:
+            local[:, 3] += pose[:, 3]
+        found = affine(_in_plane(x, y), local, np.empty((len(x), 3)))
+        if self.is_parallel:
+            return found, np.broadcast_to(glass.direction_to_local(self.forward), found.shape)
+        return glass.to_local(self.eye), found
+
+    def ray_matrix(self) -> np.ndarray:
+        """(3, 4): takes (x, y, 0) in pixels to a direction, in a parallel view to an origin."""
         width, height = self.size
         p = self.projection
-        ndc_x = 2.0 * np.asarray(x, float) / width - 1.0
-        ndc_y = 2.0 * np.asarray(y, float) / height - 1.0
-        rotation = self.to_camera[:3, :3]
+        rotation = self.to_camera[:3, :3].T
         if self.is_parallel:
-            local = np.stack(
-                ((ndc_x - p[0, 3]) / p[0, 0], (ndc_y - p[1, 3]) / p[1, 1], np.zeros_like(ndc_x)),
-                axis=1,
-            )
-            origins = local @ rotation + self.eye
-            return origins, np.broadcast_to(self.forward, origins.shape)
-        local = np.stack(
-            ((ndc_x + p[0, 2]) / p[0, 0], (ndc_y + p[1, 2]) / p[1, 1], -np.ones_like(ndc_x)), axis=1
-        )
-        local /= np.linalg.norm(local, axis=1, keepdims=True)
-        return np.broadcast_to(self.eye, local.shape), local @ rotation
+            centre = ((-1 - p[0, 3]) / p[0, 0], (-1 - p[1, 3]) / p[1, 1], 0.0)
+        else:
+            centre = ((p[0, 2] - 1) / p[0, 0], (p[1, 2] - 1) / p[1, 1], -1.0)
+        found = np.zeros((3, 4))
+        found[:, 0] = rotation[:, 0] * 2.0 / (width * p[0, 0])
+        found[:, 1] = rotation[:, 1] * 2.0 / (height * p[1, 1])
+        found[:, 3] = rotation @ np.array(centre) + (self.eye if self.is_parallel else 0.0)
+        return found
+
+
+def _in_plane(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.stack((x, y, np.zeros(len(x))), axis=1)
 
 
 def read_viewpoint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Viewpoint:
