@@ -29,11 +29,14 @@ from .surfaces import Floats
 BASE = (24, 12)
 """Cells of the first lattice over the first interface."""
 
-ENOUGH = 150
+ENOUGH = 40
 """Cells that a path's region should have before refinement."""
 
 DEEPEST = 4
-"""Halvings of a cell where a path's region ends; two fewer where rays fan out unevenly."""
+"""Halvings of a cell where rays end to exist; two fewer where they fan out unevenly."""
+
+LOOKS = (10, 5)
+"""Rays along each side of a cell that tell whether the path's region touches it: first, later."""
 
 UNEVEN = 0.15
 """How far the middle ray of a cell may lie from its corners' mean, in sizes of the cell."""
@@ -45,30 +48,31 @@ CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.5, 0.5)])
 class Tubes:
     """Bundles of all cells on one stretch.
 
-    `middle`, `axis`, `first`, `second`: (C, 3) a point on the middle ray, its unit direction and
-    two across. Corners lie at `at` + s·`fan`, (C, 4, 2), a way s along the axis. `low`, `high`:
-    where the stretch runs, (C,). `loose`: corners are missing.
+    `middle`, `axis`: (C, 3) a point on the middle ray and its unit direction. `corners`:
+    (2, 2, 4, C) places of the corners across the axis, [constant and per way s along it, side,
+    corner]. `table`: (28, C) what `Search.shares` needs: three lines of a frame with its origin,
+    and the quadrangle's mean, two edges and twist, each as in `corners`. `low`, `high`: where the
+    stretch runs, (C,). `loose`: corners are missing.
     """
 
     middle: Floats
     axis: Floats
-    first: Floats
-    second: Floats
-    at: Floats
-    fan: Floats
+    corners: Floats
+    table: Floats
     low: Floats
     high: Floats
     loose: NDArray[np.bool_]
 
 
 class Lattice:
-    """The cells of one path from one viewpoint: `unknowns` (C, 5, 3) of corners and middle."""
+    """The cells of one path from one viewpoint: `unknowns` (C, 5, 3) of corners and middle, and
+    `cells` (C, 2, 2): low corner and size in shares of the first interface's rectangle."""
 
     def __init__(self, passage: Passage) -> None:
         self.passage = passage
         stage = passage.stages[0]
         self.patch = stage.surface.sample(passage.view, stage.back)
-        self.unknowns = np.zeros((0, 5, 3))
+        self.unknowns, self.cells = np.zeros((0, 5, 3)), np.zeros((0, 2, 2))
         self.tubes: dict[int, Tubes] = {}
         if self.patch is None:
             return
@@ -79,38 +83,41 @@ class Lattice:
         size = np.broadcast_to(1.0 / np.array(BASE), cells.shape)
         kept = []
         for level in range(DEEPEST + 1):
-            unknowns, lines, real = self._look(cells, size)
-            some = real.any(axis=1)
+            # The cells of the path's region; where rays are no longer taken but still exist,
+            # cells reach over its end.
+            inner = np.stack(
+                np.meshgrid(*2 * [np.linspace(0.0, 1.0, LOOKS[level > 0])], indexing="ij"), axis=-1
+            ).reshape(-1, 2)
+            _, course = self._look(cells, size, inner)
+            some = passage.taken(course).reshape(len(cells), -1).any(axis=1)
             if not some.any() and level < 2:
                 cells, size = _halve(cells, size)  # a thin region may lie between the rays
                 continue
-            cells, size, unknowns, real = cells[some], size[some], unknowns[some], real[some]
-            lines = [tuple(part[some] for part in line) for line in lines]
+            cells, size = cells[some], size[some]
+            unknowns, course = self._look(cells, size, CORNERS)
             if level == DEEPEST:
                 split = np.zeros(len(cells), dtype=bool)
             elif len(cells) < ENOUGH and level < DEEPEST - 1:
                 split = np.ones(len(cells), dtype=bool)
             else:
-                split = ~real.all(axis=1)
+                split = ~course.exists.reshape(-1, 5).all(axis=1)
                 if level < DEEPEST - 2:
-                    split |= _uneven(lines)
-            kept.append(unknowns[~split])
+                    split |= _uneven([_arrays(line, unknowns.shape) for line in course.lines])
+            kept.append((unknowns[~split], np.stack([cells, size], axis=1)[~split]))
             cells, size = _halve(cells[split], size[split])
             if not len(cells):
                 break
-        self.unknowns = np.concatenate(kept) if kept else self.unknowns
+        if kept:
+            self.unknowns, self.cells = (np.concatenate(parts) for parts in zip(*kept, strict=True))
 
-    def _look(self, cells, size):
-        """Unknowns (C, 5, 3), lines on every stretch, and which rays take the path."""
-        share = cells[:, None] + size[:, None] * CORNERS
+    def _look(self, cells, size, inner):
+        """Unknowns (C, K, 3) of rays at places `inner` (K, 2) of cells, and their course."""
+        share = cells[:, None] + size[:, None] * inner
         places = tuple(part.ravel() for part in self.patch.places(share))
         rays, _ = first_rays(self.passage.glass, self.passage.view, places)
         flat = self._unknowns(rays)
-        course = self.passage.course(flat)
-        real = self.passage.taken(course).reshape(-1, 5)
-        shape = (len(cells), 5, 3)
-        lines = [_arrays(line, shape) for line in course.lines]
-        return np.stack(flat, axis=-1).reshape(shape), lines, real
+        unknowns = np.stack(flat, axis=-1).reshape(len(cells), len(inner), 3)
+        return unknowns, self.passage.course(flat)
 
     def _unknowns(self, rays) -> Unknowns:
         if not self.passage.view.parallel:
@@ -154,16 +161,29 @@ class Lattice:
                 [np.einsum("cjk,ck->cj", vectors, side) for side in (first, second)], axis=-1
             )
 
-        at, fan = across(onto), across(axis / facing[..., None])
         ends = ahead + way * facing
         spread = np.sqrt(np.sum(offset * offset, axis=-1)).max(axis=1)
+        corners = np.stack([across(onto), across(axis / facing[..., None])])[:, :, :4]
+        corners = np.ascontiguousarray(np.moveaxis(corners, 1, -1).swapaxes(1, 2))
+        one, two, three, four = np.moveaxis(corners, 2, 0)
+        forms = np.stack(
+            [
+                0.25 * (one + two + three + four),
+                0.5 * (two + three - one - four),
+                0.5 * (three + four - one - two),
+                one + three - two - four,
+            ]
+        )
+        frame = [
+            np.column_stack([side, -np.sum(side * middle, axis=1)])
+            for side in (along, first, second)
+        ]
+        table = np.concatenate([*(part.T for part in frame), forms.reshape(16, -1)])
         return Tubes(
             middle,
             along,
-            first,
-            second,
-            at[:, :4],
-            fan[:, :4],
+            corners,
+            table,
             ahead.min(axis=1) - 0.5 * spread,
             ends.max(axis=1) + 0.5 * spread,
             loose,
@@ -224,6 +244,12 @@ class Clusters:
     first: NDArray[np.intp]
     count: NDArray[np.intp]
 
+    def members(self, group, cell) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Pairs of targets and cells from pairs of groups and cells."""
+        count = self.count[group]
+        begins = np.repeat(self.first[group] - (np.cumsum(count) - count), count)
+        return self.order[begins + np.arange(len(begins))], np.repeat(cell, count)
+
 
 def cluster(points: Floats) -> Clusters:
     """Groups of targets (N, 3), of a size that grows with the distance from the glass."""
@@ -231,8 +257,8 @@ def cluster(points: Floats) -> Clusters:
     squeezed = points / (1.0 + reach / NEAR)[:, None]
     low = squeezed.min(axis=0)
     span = max(float((squeezed.max(axis=0) - low).max()), 1e-9)
-    parts = max(1, min(16, round((len(points) / 12.0) ** (1.0 / 2.0) / 2.0)))
-    if len(points) <= 64:
+    parts = max(1, min(14, round((len(points) / 40.0) ** 0.4)))
+    if len(points) <= 400:
         parts = 4096
     keys = np.minimum((squeezed - low) * (parts / span), parts - 1).astype(np.int64)
     code = (keys[:, 0] * parts + keys[:, 1]) * parts + keys[:, 2]
@@ -245,6 +271,26 @@ def cluster(points: Floats) -> Clusters:
     away = ordered - np.repeat(centre, count, axis=0)
     radius = np.sqrt(np.maximum.reduceat(np.sum(away * away, axis=1), first))
     return Clusters(centre, radius, order, first, count)
+
+
+def _locate(x, y, forms):
+    """Shares (−½ to ½) of places in quadrangles, how uneven these are, and which a caustic may
+    cross."""
+    (mean_x, mean_y), (ax, ay), (bx, by), (tx, ty) = forms
+    area = ax * by - ay * bx
+    # Area at the corners: half the twist added or taken away
+    lean = np.abs(ax * ty - ay * tx) + np.abs(tx * by - ty * bx)
+    inverse = 1.0 / np.where(area == 0.0, 1e-300, area)
+
+    def solve(x, y):
+        return (x * by - y * bx) * inverse, (ax * y - ay * x) * inverse
+
+    x, y = x - mean_x, y - mean_y
+    first, second = (np.clip(part, -2.0, 2.0) for part in solve(x, y))
+    product = first * second
+    first, second = (np.clip(part, -9.0, 9.0) for part in solve(x - product * tx, y - product * ty))
+    bulges = [np.abs(part) for part in solve(mean_x, mean_y)]
+    return first, second, bulges, (np.abs(area) <= 0.75 * lean) | (np.maximum(*bulges) > 0.5)
 
 
 NEAR = 8.0
@@ -265,133 +311,167 @@ class Search:
         self.passage = lattice.passage
         self.tolerance = tolerance
         self.tubes = lattice.on(stretch)
+        self.columns = tuple(np.ascontiguousarray(part) for part in targets.T)
 
     def starts(self):
-        """Candidates: target, unknowns (3 parts), and unknowns of a ray that exists; and for
-        every target the unknowns of the rays that come nearest to it."""
+        """Candidates: target, unknowns (3 parts), and unknowns of a ray that exists."""
         groups = cluster(self.targets)
-        target, cell, nearest = self._pairs(groups)
-        shares, index, cells = [], [], []
+        group, cell, self.nearest = self._pairs(groups)
+        calm, best = self._calm(groups, group, cell)
+        self.rough = np.ones(len(self.targets), dtype=bool)
+        self.rough[groups.order[np.repeat(calm, groups.count)]] = False
+        # Groups that one sheet covers: any cell of it tells where a target is.
+        index = groups.order[np.repeat(calm, groups.count)]
+        cells = np.repeat(best, groups.count)[np.repeat(calm, groups.count)]
+        near, _, _ = self._shares(index, cells)
+        found = [(index, cells, np.clip(near, -FAR_OFF, FAR_OFF))]
+        # The others, target by target
+        rough = ~calm[group]
+        target, cell = groups.members(group[rough], cell[rough])
         for part in range(0, len(target), PIECE):
             some = slice(part, part + PIECE)
             near, inside, fold = self._shares(target[some], cell[some])
-            shares.append(near[inside])
-            index.append(target[some][inside])
-            cells.append(cell[some][inside])
+            found.append(
+                (target[some][inside], cell[some][inside], np.clip(near[inside], -0.75, 0.75))
+            )
             folded = np.flatnonzero(fold)
             for inset in FOLDED:
-                shares.append(np.broadcast_to(inset, (len(folded), 2)))
-                index.append(target[some][folded])
-                cells.append(cell[some][folded])
-        empty = np.zeros(0, dtype=np.intp)
-        index = np.concatenate(index) if index else empty
-        cells = np.concatenate(cells) if cells else empty
-        shares = np.concatenate(shares) if shares else np.zeros((0, 2))
-        waiting, _, _ = self._shares(np.arange(len(self.targets)), nearest)
-        return (
-            index,
-            self._blend(cells, shares),
-            tuple(self.lattice.unknowns[cells, 4, axis] for axis in range(3)),
-            self._blend(nearest, np.clip(waiting, -0.5, 0.5)),
-        )
+                shares = np.broadcast_to(inset, (len(folded), 2))
+                found.append((target[some][folded], cell[some][folded], shares))
+        index, cells, shares = (np.concatenate(part) for part in zip(*found, strict=True))
+        anchor = tuple(self.lattice.unknowns[cells, 4, axis] for axis in range(3))
+        return index, self._blend(cells, shares), anchor
+
+    def waiting(self, index) -> Found:
+        """The rays that come nearest to targets without an image."""
+        cells = self.nearest[index]
+        shares, _, _ = self._shares(index, cells)
+        unknowns = self._blend(cells, np.clip(shares, -0.5, 0.5))
+        return self._describe(index, unknowns, tuple(self.targets[index].T), np.ones(len(index)))
 
     def _pairs(self, groups: Clusters):
-        """Which targets may lie in which tubes, and the tube nearest to each target."""
+        """Which groups may have targets in which tubes, and the tube nearest to each target."""
         tubes, n = self.tubes, len(groups.centre)
         found_group, found_cell = [], []
         nearest = np.zeros(n, dtype=np.intp)
-        rows = max(1, PIECE // max(1, len(tubes.low)))
-        # |at + s·fan|² of every corner as coefficients of 1, s, s²
-        squares = np.stack(
-            [
-                np.sum(tubes.at**2, axis=-1),
-                2.0 * np.sum(tubes.at * tubes.fan, axis=-1),
-                np.sum(tubes.fan**2, axis=-1),
-            ]
-        )
-        origin = np.sum(tubes.middle * tubes.axis, axis=1)
-        size2 = np.sum(tubes.middle**2, axis=1)
+        rows = max(1, SMALL_PIECE // max(1, len(tubes.low)))
+        # |at + s·fan|² of every corner as coefficients of 1, s, s²; single precision will do.
+        at, fan = tubes.corners
+        squares = [np.sum(at**2, axis=0), 2.0 * np.sum(at * fan, axis=0), np.sum(fan**2, axis=0)]
+        squares = [part.astype(np.float32) for part in squares]
+        axis, middle = (part.T.astype(np.float32) for part in (tubes.axis, tubes.middle))
+        origin = np.sum(tubes.middle * tubes.axis, axis=1).astype(np.float32)
+        size2 = np.sum(tubes.middle**2, axis=1).astype(np.float32)
+        low, high = tubes.low.astype(np.float32), tubes.high.astype(np.float32)
+        wider = np.where(tubes.loose, 2.0 * WIDER, WIDER).astype(np.float32)
+        centres, radii = groups.centre.astype(np.float32), groups.radius.astype(np.float32)
+        lengths2 = np.sum(groups.centre**2, axis=1).astype(np.float32)
         for begin in range(0, n, rows):
-            centre = groups.centre[begin : begin + rows]
-            radius = groups.radius[begin : begin + rows, None]
-            s = centre @ tubes.axis.T - origin
-            away2 = np.sum(centre * centre, axis=1)[:, None] - 2.0 * centre @ tubes.middle.T
-            away2 += size2
-            away2 -= s * s
-            away = np.sqrt(np.maximum(away2, 0.0))
-            spread2 = np.full_like(s, 0.0)
-            for corner in range(4):
-                constant, linear, square = squares[:, :, corner]
-                np.maximum(spread2, (square * s + linear) * s + constant, out=spread2)
-            spread = np.sqrt(spread2)
-            beyond = np.maximum(np.maximum(tubes.low - s, s - tubes.high), 0.0)
-            hit = (away <= radius + WIDER * spread + 1e-6) & (beyond <= radius + 1e-6)
-            hit |= tubes.loose & (away <= radius + 3.0 * spread + 1e-6) & (beyond <= radius + 1e-6)
+            some = slice(begin, begin + rows)
+            s = centres[some] @ axis
+            away = centres[some] @ middle
+            s -= origin
+            away *= -2.0
+            away += lengths2[some, None]
+            away += size2
+            away -= s * s
+            np.maximum(away, 0.0, out=away)
+            np.sqrt(away, out=away)
+            spread = np.zeros_like(s)
+            for constant, linear, square in zip(*squares, strict=True):
+                reach = square * s
+                reach += linear
+                reach *= s
+                reach += constant
+                np.maximum(spread, reach, out=spread)
+            np.sqrt(spread, out=spread)
+            beyond = np.maximum(low - s, s - high)
+            np.maximum(beyond, 0.0, out=beyond)
+            blur = radii[some] + 1e-6 + 2e-3 * np.sqrt(lengths2[some])
+            blur = blur[:, None]
+            hit = away <= blur + wider * spread
+            hit &= beyond <= blur
             group, cell = np.nonzero(hit)
             found_group.append(group + begin)
             found_cell.append(cell)
-            miss = (np.maximum(away - spread, 0.0) + beyond + 1e-3 * away) / (1.0 + np.abs(s))
-            nearest[begin : begin + rows] = np.argmin(miss, axis=1)
-        group, cell = np.concatenate(found_group), np.concatenate(found_cell)
-        # From groups to their targets
-        count = groups.count[group]
-        total = int(count.sum())
-        starts = np.repeat(groups.first[group] - (np.cumsum(count) - count), count)
-        target = groups.order[starts + np.arange(total)]
+            away -= spread
+            np.maximum(away, 0.0, out=away)
+            away += beyond
+            away /= 1.0 + np.abs(s)
+            nearest[some] = np.argmin(away, axis=1)
         every = np.empty(len(groups.order), dtype=np.intp)
         every[groups.order] = np.repeat(nearest, groups.count)
-        return target, np.repeat(cell, count), every
+        return np.concatenate(found_group), np.concatenate(found_cell), every
+
+    def _calm(self, groups: Clusters, group, cell):
+        """Groups whose tubes all belong to one sheet that no caustic crosses; and a cell of it."""
+        n = len(groups.centre)
+        centre, radius = groups.centre[group].T, groups.radius[group]
+        s, x, y, forms = self._quadrangle(centre, cell)
+        first, second, _, fold = _locate(x, y, forms)
+        steady = ~fold & ~self.tubes.loose[cell]
+        area = forms[1][0] * forms[2][1] - forms[1][1] * forms[2][0]
+        for shift in (-radius, radius):
+            (ax, ay), (bx, by), _ = self._forms(s + shift, cell)[1:]
+            steady &= (ax * by - ay * bx) * area > 0.0
+        rough = np.bincount(group[~steady], minlength=n) > 0
+        rough |= np.bincount(group, minlength=n) == 0
+        low, high = np.full((2, n), np.inf), np.full((2, n), -np.inf)
+        size = np.zeros((2, n))
+        for axis, share in enumerate((first, second)):
+            corner, width = self.lattice.cells[cell, 0, axis], self.lattice.cells[cell, 1, axis]
+            place = corner + (share + 0.5) * width
+            np.minimum.at(low[axis], group, place)
+            np.maximum.at(high[axis], group, place)
+            np.maximum.at(size[axis], group, width)
+        sign_low, sign_high = np.full(n, np.inf), np.full(n, -np.inf)
+        np.minimum.at(sign_low, group, np.sign(area))
+        np.maximum.at(sign_high, group, np.sign(area))
+        calm = ~rough & (sign_low == sign_high) & ~(high - low > 1.5 * size).any(axis=0)
+        off = np.maximum(np.abs(first), np.abs(second))
+        order = np.lexsort((off, group))
+        best = np.zeros(n, dtype=np.intp)
+        leads = np.append(True, group[order][1:] != group[order][:-1])[: len(order)]
+        best[group[order][leads]] = cell[order][leads]
+        return calm, best
+
+    def _forms(self, s, cell):
+        """Mean, edges and twist of the quadrangle across the middle ray at s: pairs of sides."""
+        return [
+            [constant[cell] + s * growth[cell] for constant, growth in zip(*form, strict=True)]
+            for form in self.tubes.table[12:].reshape(4, 2, 2, -1)
+        ]
+
+    def _quadrangle(self, places, cell):
+        """Where places (3 parts) lie along the middle ray and across it, and the forms there."""
+        frame = self.tubes.table[:12].reshape(3, 4, -1)
+        s, x, y = (
+            places[0] * line[0][cell]
+            + places[1] * line[1][cell]
+            + places[2] * line[2][cell]
+            + line[3][cell]
+            for line in frame
+        )
+        return s, x, y, self._forms(s, cell)
 
     def _shares(self, target, cell):
         """Where targets lie in cells (P, 2), −½ to ½; which are inside; which need more starts."""
-        tubes = self.tubes
-        off = self.targets[target] - tubes.middle[cell]
-        axis = tubes.axis[cell]
-        s = np.einsum("pk,pk->p", off, axis)
-        x = np.einsum("pk,pk->p", off, tubes.first[cell])
-        y = np.einsum("pk,pk->p", off, tubes.second[cell])
-        corner = tubes.at[cell] + s[:, None, None] * tubes.fan[cell]
-        cx, cy = corner[..., 0], corner[..., 1]
-        mean_x, mean_y = cx.mean(axis=1), cy.mean(axis=1)
-        # Edges of the quadrangle: along the first coordinate below and above, then the second
-        ax, ay = (
-            0.5 * (cx[:, 1] + cx[:, 2] - cx[:, 0] - cx[:, 3]),
-            0.5 * (cy[:, 1] + cy[:, 2] - cy[:, 0] - cy[:, 3]),
-        )
-        bx, by = (
-            0.5 * (cx[:, 2] + cx[:, 3] - cx[:, 0] - cx[:, 1]),
-            0.5 * (cy[:, 2] + cy[:, 3] - cy[:, 0] - cy[:, 1]),
-        )
-        tx, ty = (
-            cx[:, 0] + cx[:, 2] - cx[:, 1] - cx[:, 3],
-            cy[:, 0] + cy[:, 2] - cy[:, 1] - cy[:, 3],
-        )
-        area = ax * by - ay * bx
-        # Area at the corners: half the twist added or taken away
-        lean_a, lean_b = 0.5 * (ax * ty - ay * tx), 0.5 * (tx * by - ty * bx)
-        fold = np.abs(area) <= (np.abs(lean_a) + np.abs(lean_b)) * 1.5
-        inverse = 1.0 / np.where(area == 0.0, 1e-300, area)
-
-        def solve(x, y):
-            return (x * by - y * bx) * inverse, (ax * y - ay * x) * inverse
-
-        with_twist = []
-        first, second = solve(x - mean_x, y - mean_y)
-        first, second = np.clip(first, -2.0, 2.0), np.clip(second, -2.0, 2.0)
-        product = first * second
-        first, second = solve(x - mean_x - product * tx, y - mean_y - product * ty)
-        bulge = np.abs(np.stack(solve(mean_x, mean_y), axis=-1))
-        with_twist = np.stack([np.clip(first, -9.0, 9.0), np.clip(second, -9.0, 9.0)], axis=-1)
-        fold |= tubes.loose[cell] | (bulge > 0.5).any(axis=1)
-        inside = ~fold & (np.abs(with_twist) <= 0.5 + BRIM + bulge).all(axis=1)
-        reach2 = ((cx - mean_x[:, None]) ** 2 + (cy - mean_y[:, None]) ** 2).max(axis=1)
-        near = (x - mean_x) ** 2 + (y - mean_y) ** 2 <= 4.0 * reach2 + 1e-12
-        return with_twist, inside, fold & near
+        places = [part[target] for part in self.columns]
+        _, x, y, forms = self._quadrangle(places, cell)
+        first, second, bulges, fold = _locate(x, y, forms)
+        fold |= self.tubes.loose[cell]
+        inside = ~fold
+        for part, bulge in zip((first, second), bulges, strict=True):
+            inside &= np.abs(part) <= 0.5 + BRIM + bulge
+        mean, *sides = forms
+        reach = sum(np.abs(part) for side in sides for part in side)
+        fold &= np.maximum(np.abs(x - mean[0]), np.abs(y - mean[1])) <= reach + 1e-6
+        return np.stack([first, second], axis=-1), inside, fold
 
     def _blend(self, cells, shares) -> Unknowns:
         """Unknowns at shares (−½ to ½) of cells."""
         u = self.lattice.unknowns[cells]
-        first, second = (np.clip(shares, -0.75, 0.75) + 0.5).T
+        first, second = (shares + 0.5).T
         weights = (
             (1.0 - first) * (1.0 - second),
             first * (1.0 - second),
@@ -404,34 +484,55 @@ class Search:
         )
         return blended if self.passage.view.parallel else unit(blended)
 
-    def images(self) -> tuple[Found, Found, int]:
-        """Images, what is shown for targets without one, and the most steps taken."""
-        index, unknowns, anchor, waiting = self.starts()
+    def images(self) -> tuple[Found, int]:
+        """Images, and the most steps taken."""
+        index, unknowns, anchor = self.starts()
         count = len(index)
-        parts: list[Found | None] = [None] * (count // BLOCK + 1)
-        most = [0] * len(parts)
+        parts: list[tuple[int, Found, int]] = []
 
         def work(block: slice) -> None:
             aims = tuple(self.targets[index[block]].T)
             some = tuple(part[block] for part in unknowns)
             sure = tuple(part[block] for part in anchor)
-            number = block.start // BLOCK
-            found, most[number] = self._settle(index[block], some, sure, aims)
-            parts[number] = found
+            parts.append((block.start, *self._settle(index[block], some, sure, aims)))
 
         if count:
             in_blocks(work, count, BLOCK)
         else:
             work(slice(0, 0))
-        found = _join([part for part in parts if part is not None])
-        every = np.arange(len(self.targets))
-        stays = self._describe(every, waiting, tuple(self.targets.T), np.ones(len(every)))
-        return _distinct(found), stays, max(most)
+        # The order in which threads end must not show.
+        parts.sort(key=lambda part: part[0])
+        found = _join([part for _, part, _ in parts])
+        most = max(steps for *_, steps in parts)
+        rough = np.flatnonzero(self.rough[found.index])
+        if len(rough):
+            found = _join([found, self._partners(found.take(rough))])
+        return _distinct(found, max(1e-7, 3.0 * self.tolerance)), most
+
+    def _partners(self, found: Found) -> Found:
+        """The images across the fold next to these: two that are close may share all starts.
+
+        Along the direction n in which the Jacobian is weakest its determinant is 0 a way
+        −D / (∂D/∂n) off, and the other image lies twice as far.
+        """
+        passage = self.passage
+        unknowns = tuple(found.unknowns.T)
+        aims = tuple(self.targets[found.index].T)
+        with np.errstate(all="ignore"):
+            one, other, bend = passage.weakest(unknowns, aims, self.stretch)
+            moved = passage.move(unknowns, NUDGE * one, NUDGE * other)
+            *_, bent, exists = passage.step(moved, aims, self.stretch)
+            way = -2.0 * NUDGE * bend / (bent - bend)
+            near = np.flatnonzero(exists & (np.abs(way) < ACROSS))
+        some = tuple(part[near] for part in unknowns)
+        way, one, other = way[near], one[near], other[near]
+        begins = passage.move(some, way * one, way * other)
+        return self._settle(found.index[near], begins, some, tuple(a[near] for a in aims))[0]
 
     def _settle(self, index, unknowns, anchor, aims) -> tuple[Found, int]:
         """Solve from all starts; what meets its target, described."""
         fine = self.tolerance <= 1e-8
-        small = 1e-6 if fine else 0.3 * self.tolerance**0.5
+        small = 1e-6 if fine else 0.03 * self.tolerance**0.5
         unknowns, bend, steps, rests = self.passage.solve(
             unknowns, anchor, aims, self.stretch, small=small, most=MOST
         )
@@ -484,10 +585,22 @@ class Search:
 PIECE = 262144
 """Pairs of targets and cells looked at at once."""
 
+SMALL_PIECE = 65536
+"""Pairs of groups and cells looked at at once: they stay in a core's cache."""
+
+FAR_OFF = 3.0
+"""Cells by which a target may lie outside the cell that tells its start."""
+
 BLOCK = 8192
 """Starts solved at once."""
 
-MOST = 24
+NUDGE = 1e-6
+"""Step of a derivative by the unknowns."""
+
+ACROSS = 0.1
+"""How far apart two images may be, radians, to be looked for across the fold between them."""
+
+MOST = 12
 """Most steps of Newton's method from one start."""
 
 FOLDED = ((0.0, 0.0), (-0.35, -0.35), (0.35, -0.35), (0.35, 0.35), (-0.35, 0.35))
@@ -514,6 +627,10 @@ class Found:
     def take(self, which) -> Found:
         return Found(*(part[which] for part in self.columns()))
 
+    def blank(self, count: int) -> Found:
+        """Arrays for that many, to be written."""
+        return Found(*(np.empty((count, *part.shape[1:]), part.dtype) for part in self.columns()))
+
     def put(self, where, other: Found) -> None:
         for mine, part in zip(self.columns(), other.columns(), strict=True):
             mine[where] = part
@@ -525,7 +642,7 @@ def _join(parts: list[Found]) -> Found:
     )
 
 
-def _distinct(found: Found) -> Found:
+def _distinct(found: Found, close: float) -> Found:
     """One of each image that was found from several starts; in order of the targets."""
     mark = found.unknowns @ (0.6123724356957945, 0.5314370481203, 0.5853694070049635)
     order = np.lexsort((mark, found.index))
@@ -533,7 +650,7 @@ def _distinct(found: Found) -> Found:
     same = np.append(False, found.index[1:] == found.index[:-1])[: len(order)]
     gap = np.abs(np.diff(found.unknowns, axis=0, prepend=np.inf)).max(axis=1, initial=0.0)
     alike = np.append(False, found.upright[1:] == found.upright[:-1])[: len(order)]
-    again = same & ((gap < 1e-10) | (alike & (gap < 1e-7)))
+    again = same & ((gap < 1e-10) | (alike & (gap < close)))
     return found.take(np.flatnonzero(~again))
 
 
@@ -590,8 +707,6 @@ class Central:
         """+1 where the central ray to a circle (on its leg out or in) is upright, −1 upside down,
         0 where there is none."""
         result = np.zeros(len(radius), dtype=np.intp)
-        if self.on_axis:
-            return result
         slope = self.pz / np.where(self.px == 0.0, 1e-300, self.px)
         rows = max(1, PIECE // max(1, self.x.size))
         for begin in range(0, len(radius), rows):
@@ -624,18 +739,24 @@ def _ranks(search: Search, found: Found) -> NDArray[np.intp]:
     rank = np.zeros(len(found.index), dtype=np.intp)
     if not len(rank):
         return rank
+    # Only images upside down, or one of several, need to be told apart.
     again = np.append(False, found.index[1:] == found.index[:-1])[: len(rank)]
-    if found.upright.all() and not again.any():
+    again[:-1] |= again[1:]
+    some = np.flatnonzero(again | ~found.upright)
+    if not len(some):
         return rank
     key = "central", search.stretch
     lattice = search.lattice
     if key not in lattice.tubes:
         lattice.tubes[key] = Central(lattice, search.stretch)
     central = lattice.tubes[key]
-    targets = search.targets[found.index]
-    upright = central.upright(np.hypot(targets[:, 0], targets[:, 1]), targets[:, 2], found.outward)
-    apart = (upright != np.where(found.upright, 1, -1)) & (not central.on_axis)
-    rank[apart & (found.ell > 0.0)] = 1
+    if central.on_axis:
+        return rank
+    targets = search.targets[found.index[some]]
+    radius = np.hypot(targets[:, 0], targets[:, 1])
+    upright = central.upright(radius, targets[:, 2], found.outward[some])
+    apart = upright != np.where(found.upright[some], 1, -1)
+    rank[some] = apart & (found.ell[some] > 0.0)
     return rank
 
 
@@ -662,15 +783,15 @@ def axial_slots(
             if not len(inside):
                 continue
             search = Search(lattice, stretch, points[inside] / glass.scale, tolerance)
-            found, stays, number = search.images()
+            found, number = search.images()
             if not found.valid.any():
                 continue
             most = max(most, number)
-            slots += _slots(search, found, stays, inside, len(points), eye)
+            slots += _slots(search, found, inside, len(points), eye)
     return slots, most
 
 
-def _slots(search: Search, found: Found, stays: Found, inside, count: int, eye) -> list[Slot]:
+def _slots(search: Search, found: Found, inside, count: int, eye) -> list[Slot]:
     """One slot a sheet; points without an image wait where the sheet ends."""
     passage = search.passage
     names = tuple(step[0] for step in passage.steps)
@@ -688,22 +809,27 @@ def _slots(search: Search, found: Found, stays: Found, inside, count: int, eye) 
     copy = number - np.maximum.accumulate(np.where(same, 0, number))
     slots = []
     keys = np.stack([found.upright, rank, copy])
+    sheets = []
     for key in np.unique(keys[:, found.valid], axis=1).T:
-        upright, own_rank, own_copy = (int(part) for part in key)
-        images = stays.take(slice(None))
-        images = Found(*(np.array(part) for part in images.columns()))
-        images.valid[:] = False
         some = np.flatnonzero((keys == key[:, None]).all(axis=0))
-        images.put(found.index[some], found.take(some))
-        if own_rank:
+        first = some[:0]
+        if key[1]:
             # Round a cusp the sheets of one orientation are one: go on along the first.
-            lost = np.ones(len(images.index), dtype=bool)
-            lost[found.index[some]] = False
-            first = np.flatnonzero(
-                (keys[0] == upright) & (keys[1] == 0) & (keys[2] == 0) & lost[found.index]
-            )
-            images.put(found.index[first], found.take(first))
-            images.valid[found.index[first]] = False
+            first = np.flatnonzero((keys == np.array([[key[0]], [0], [0]])).all(axis=0))
+            first = first[~np.isin(found.index[first], found.index[some])]
+        sheets.append((tuple(int(part) for part in key), some, first))
+    everywhere = np.arange(len(inside))
+    lost = np.zeros(len(inside), dtype=bool)
+    for _, some, first in sheets:
+        lost[np.setdiff1d(everywhere, found.index[np.concatenate([some, first])])] = True
+    lost = np.flatnonzero(lost)
+    stays = search.waiting(lost)
+    for (upright, own_rank, own_copy), some, first in sheets:
+        images = found.blank(len(inside))
+        images.put(lost, stays)
+        images.put(found.index[first], found.take(first))
+        images.valid[:] = False
+        images.put(found.index[some], found.take(some))
         sheet = (search.stretch, names, upright, own_rank, 0, own_copy)
         slots.append(_written(passage, sheet, images, inside, count, eye))
     return slots

@@ -188,8 +188,8 @@ class Passage:
         )
         return moved if self.view.parallel else unit(moved)
 
-    def step(self, unknowns: Unknowns, targets, stretch: int):
-        """Newton's step (δa, δb), D, and which rays exist."""
+    def _tangents(self, unknowns: Unknowns, targets, stretch: int):
+        """Momentum p, e, A and B of the module's notes, and which rays exist."""
         rays, exists = self.line(unknowns, stretch)
         n2 = self.glass.media[self.media[stretch]] ** 2
         o, p = rays.place, rays.momentum
@@ -197,6 +197,31 @@ class Passage:
         way = (e[0] * p[0] + e[1] * p[1] + e[2] * p[2]) * (1.0 / n2)
         e = [part - way * tilt for part, tilt in zip(e, p, strict=True)]
         a, b = ([slope[axis] + way * slope[axis + 3] for axis in range(3)] for slope in rays.slopes)
+        return p, e, a, b, exists
+
+    def weakest(self, unknowns: Unknowns, targets, stretch: int):
+        """Unit steps (δa, δb) that move the ray at its target the least, and D."""
+        p, _, a, b, _ = self._tangents(unknowns, targets, stretch)
+        determinant = sum(part * side for part, side in zip(_cross(p, a), b, strict=True))
+        per = 1.0 / self.glass.media[self.media[stretch]] ** 2
+        a, b = (
+            [
+                part - per * sum(x * y for x, y in zip(side, p, strict=True)) * q
+                for part, q in zip(side, p, strict=True)
+            ]
+            for side in (a, b)
+        )
+        aa, ab, bb = (
+            sum(x * y for x, y in zip(one, other, strict=True))
+            for one, other in ((a, a), (a, b), (b, b))
+        )
+        # The half angle of the axes of the ellipse a cos t + b sin t
+        angle = 0.5 * np.arctan2(2.0 * ab, aa - bb) + 0.5 * np.pi
+        return np.cos(angle), np.sin(angle), determinant
+
+    def step(self, unknowns: Unknowns, targets, stretch: int):
+        """Newton's step (δa, δb), D, and which rays exist."""
+        p, e, a, b, exists = self._tangents(unknowns, targets, stretch)
         # p × a, of which all three triple products need one
         cross = _cross(p, a)
         determinant = cross[0] * b[0] + cross[1] * b[1] + cross[2] * b[2]
@@ -248,6 +273,9 @@ class Passage:
             determinant[index] = bend
             rests[index[done]] = True
             steps[index[done]] = number
+            if number >= HOPELESS:
+                # What wanders still has nothing to find.
+                done |= ~(size < WANDERS)
             if done.any():
                 going = np.flatnonzero(~done)
                 index = index[going]
@@ -257,6 +285,9 @@ class Passage:
             here = moved
         return result, determinant, steps, rests
 
+
+HOPELESS, WANDERS = 6, 0.05
+"""Steps after which a start is given up if it still takes such steps."""
 
 LARGEST = 0.5
 """Longest step, radians (or outer radii in a parallel view)."""

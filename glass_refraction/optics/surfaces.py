@@ -24,6 +24,9 @@ Flags = NDArray[np.bool_]
 SKIN = 1e-12
 """How far behind its start, in outer radii, a ray may still meet an interface (rounding)."""
 
+GRAZING = 1e-7
+"""Angle in radians, seen from the axis, that a patch keeps from grazing incidence."""
+
 LEAST = 1e-150
 """Stands for a divisor of 0; what it divides is no ray's and is thrown away."""
 
@@ -139,6 +142,9 @@ class Cylinder:
                 half = 0.0
             else:
                 half = np.arccos(self.radius / away)
+        if half:
+            # Rays at exactly grazing incidence are neither here nor there.
+            half += GRAZING if back else -GRAZING
         low, high = middle - half, middle + half
         if back:
             low, high = high, low + 2.0 * np.pi
