@@ -63,6 +63,15 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--frame", type=int, help="default: the file's current frame")
     compare.set_defaults(run=_compare)
 
+    bake = commands.add_parser("bake", help="make a file that renders without the extension")
+    bake.add_argument("scene", metavar="SCENE.blend", type=Path)
+    bake.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.blend")
+    bake.add_argument("--frames", type=_frames, metavar="FIRST-LAST", help="default: the scene's")
+    bake.add_argument(
+        "--folder", type=Path, help="for the baked frames; default: one beside OUT.blend"
+    )
+    bake.set_defaults(run=_bake)
+
     benchmark = commands.add_parser("benchmark", help="speed against error, and hard cases")
     benchmark.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
     benchmark.add_argument("--quick", action="store_true", help="less of everything, two minutes")
@@ -163,6 +172,36 @@ def _write_regions(scene, path: Path) -> None:
     from .scene.region_map import write_region_map
 
     write_region_map(scene, bpy.context.evaluated_depsgraph_get(), path)
+
+
+def _bake(options: argparse.Namespace) -> None:
+    import bpy
+
+    from .scene.bake import Baking
+    from .scene.bake_files import frame_ranges
+
+    output = options.output.resolve()
+    if output.suffix.lower() != ".blend":
+        raise _BadInput(f"{options.output}: the file name must end in .blend")
+    scene = _open(options.scene)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    # First, for the paths in it are relative to it.
+    bpy.ops.wm.save_as_mainfile(filepath=str(output))
+    first, last = options.frames or (scene.frame_start, scene.frame_end)
+    folder = "" if options.folder is None else str(options.folder.resolve())
+    baking = Baking(scene, bpy.context.evaluated_depsgraph_get(), folder, first, last)
+    try:
+        while baking.frame is not None:
+            print(f"bake: frame {baking.frame}, {100 * baking.share:3.0f} %", file=sys.stderr)
+            baking.step()
+    except BaseException:
+        baking.cancel()
+        raise
+    contents = baking.finish()
+    for problem in baking.problems:
+        print(f"refractive_glass: {problem}", file=sys.stderr)
+    bpy.ops.wm.save_mainfile()
+    print(f"{options.output}: frames {frame_ranges(contents.frames)} in {baking.folder}")
 
 
 def _compare(options: argparse.Namespace) -> None:

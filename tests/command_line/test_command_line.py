@@ -8,6 +8,7 @@ import bpy
 import pytest
 
 from glass_refraction.cli import main
+from glass_refraction.scene.bake_playback import baked
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
 import scenes
@@ -44,6 +45,25 @@ def test_regions(still_life, tmp_path):
     out = tmp_path / "map.png"
     assert main(["render", _save(still_life), "-o", str(out), "--regions"]) == 0
     assert out.is_file()
+
+
+def test_bake_writes_a_file_that_plays_its_frames_back(still_life, tmp_path, capsys):
+    out = tmp_path / "farm" / "baked.blend"
+    arguments = ["bake", _save(still_life), "-o", str(out), "--frames", "2-3"]
+    assert main([*arguments, "--folder", str(tmp_path / "farm" / "frames")]) == 0
+    assert "frames 2-3" in capsys.readouterr().out
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    found = baked(bpy.context.scene)
+    assert (found.frames, found.directory) == ("2-3", "//frames")
+    assert len(list((tmp_path / "farm" / "frames").glob("geometry/*/meta/*.json"))) >= 4
+    # The scene itself was left alone.
+    bpy.ops.wm.open_mainfile(filepath=str(still_life))
+    assert baked(bpy.context.scene) is None
+
+
+def test_bake_writes_blend_files_only(still_life, tmp_path, capsys):
+    assert main(["bake", _save(still_life), "-o", str(tmp_path / "baked.exr")]) == 2
+    assert "must end in .blend" in capsys.readouterr().err
 
 
 def _without_camera(scene):
