@@ -235,6 +235,13 @@ def test_parts_that_are_not_run_again_are_kept(tmp_path, folder):
     assert {name: part["seed"] for name, part in parts.items()} == {"solver": 3, "stability": 9}
 
 
+def test_scenes_that_are_not_rendered_again_are_kept():
+    before = {"scenes": [{"scene": "a", "run": 1}, {"scene": "b", "run": 1}]}
+    now = {"scenes": [{"scene": "b", "run": 2}]}
+    runner._keep_scenes(now, before)
+    assert now["scenes"] == [{"scene": "a", "run": 1}, {"scene": "b", "run": 2}]
+
+
 def test_charts_are_drawn(tmp_path, report):
     pytest.importorskip("matplotlib")
     charts = solver.charts(report["parts"]["solver"]["found"])
@@ -242,7 +249,7 @@ def test_charts_are_drawn(tmp_path, report):
     page = "\n".join(solver.describe(report["parts"]["solver"]["found"]))
     for chart in charts:
         assert f"({chart.name}.png)" in page
-        assert chart.x_label.endswith("ms") and chart.y_label.endswith("px")
+        assert chart.x_label.endswith(("ms", "µs")) and chart.y_label.endswith("px")
         plots.draw(chart, tmp_path)
         assert (tmp_path / f"{chart.name}.png").read_bytes().startswith(b"\x89PNG")
 

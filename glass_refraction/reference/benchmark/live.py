@@ -366,12 +366,17 @@ def describe(found: dict) -> list[str]:
         "",
     ]
     memory = found["memory"]
+    known = all(mark["bytes"] is not None for mark in memory["marks"])
+    grown = ""
+    if known:
+        second, last = memory["marks"][1]["bytes"], memory["marks"][-1]["bytes"]
+        grown = f"; grown by {(last - second) / 1e6:.2f} MB since the second mark"
     lines += [
         f"Memory over {number(memory['frames'])} frames of {number(memory['vertices'])} moving "
-        f"vertices; data-blocks made meanwhile: {memory['new_data_blocks']}.",
+        f"vertices; data-blocks made meanwhile: {memory['new_data_blocks']}{grown}.",
         "",
     ]
-    if all(mark["bytes"] is not None for mark in memory["marks"]):
+    if known:
         lines += ["![](live_memory.png)", ""]
         lines += table(
             ("frame", *(number(mark["frame"]) for mark in memory["marks"])),

@@ -51,10 +51,10 @@ def open_scene(path: Path, size: tuple[int, int]) -> bpy.types.Scene:
 
 
 def _scene(settings: Settings, path: Path, surface: str) -> dict:
-    scene = open_scene(path, settings.pick((32, 24), (160, 120), (240, 180)))
+    scene = open_scene(path, settings.pick((32, 24), (160, 120), (200, 150)))
     glass = scene.refractive_glass
     glass.surface = surface
-    truth, noise = _converged(scene, surface, settings.pick(2, 64, 512))
+    truth, noise = _converged(scene, surface, settings.pick(2, 64, 384))
     inside = ~region_masks(scene, scene_depsgraph(scene))[""]
     if not inside.any():
         raise RuntimeError(f"{path.name}: no pixel lies in a glass at this size")
@@ -74,9 +74,9 @@ def _scene(settings: Settings, path: Path, surface: str) -> dict:
         )
         cycles.append({"samples": samples, "seconds": taken, **judged(picture)})
     composited = []
-    for name, changed in _variants(settings, surface):
+    for name, changed, every in _variants(settings, surface):
         rows = []
-        for samples in settings.pick((1,), (1, 4, 16), (1, 4, 16, 64)):
+        for samples in every:
             _set(scene, changed)
             setattr(*samples_setting(scene), samples)
             scene.cycles.seed = 1
@@ -112,16 +112,18 @@ def _scene(settings: Settings, path: Path, surface: str) -> dict:
 DEFAULTS = {"shading": "TRUE", "lookup_samples": "3", "min_weight": 0.01}
 
 
-def _variants(settings: Settings, surface: str) -> Iterator[tuple[str, dict]]:
-    """Settings of the composited picture, each with a name."""
-    yield "true shading", {}
-    yield "displaced shading", {"shading": "DISPLACED"}
+def _variants(settings: Settings, surface: str) -> Iterator[tuple[str, dict, tuple[int, ...]]]:
+    """Settings of the composited picture: name, what differs from the defaults, samples."""
+    every = settings.pick((1,), (1, 16), (1, 4, 16, 64))
+    yield "true shading", {}, every
+    yield "displaced shading", {"shading": "DISPLACED"}, every
     if settings.size != "full":
         return
-    yield "true, 1 x 1 lookups", {"lookup_samples": "1"}
-    yield "true, 5 x 5 lookups", {"lookup_samples": "5"}
+    yield "true, 1 x 1 lookups", {"lookup_samples": "1"}, (16,)
+    yield "true, 5 x 5 lookups", {"lookup_samples": "5"}, (16,)
     if surface == "GLASS":
-        yield "true, paths over 5 %", {"min_weight": 0.05}
+        yield "true, paths over 5 %", {"min_weight": 0.05}, (16,)
+        yield "true, paths over 0.3 %", {"min_weight": 0.003}, (16,)
 
 
 def _set(scene: bpy.types.Scene, values: dict) -> None:

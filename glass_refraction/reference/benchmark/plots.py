@@ -39,7 +39,10 @@ class Curve:
 
 @dataclass(frozen=True)
 class Chart:
-    """What one picture shows; ``name`` is the file's, without the ending."""
+    """What one picture shows; ``name`` is the file's, without the ending.
+
+    An axis that is not logarithmic begins at zero.
+    """
 
     name: str
     title: str
@@ -66,7 +69,15 @@ def draw(chart: Chart, folder: Path) -> None:
     """Write a chart into a folder."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogFormatter
+    from matplotlib.ticker import LogFormatter
+
+    class Plain(LogFormatter):
+        """Numbers without powers, where the logarithmic axis labels anything at all."""
+
+        def __call__(self, value, position=None):
+            if not super().__call__(value, position):
+                return ""
+            return f"{value:,.0f}" if value >= 10 else f"{value:g}"
 
     figure = Figure(figsize=(8.4, 5.2), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
@@ -76,8 +87,8 @@ def draw(chart: Chart, folder: Path) -> None:
     axes.set_ylabel(chart.y_label)
     if chart.log_x:
         axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
-        axes.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.2, 0.4)))
+        axes.xaxis.set_major_formatter(Plain())
+        axes.xaxis.set_minor_formatter(Plain(minor_thresholds=(1.2, 0.4)))
     if chart.log_y:
         axes.set_yscale("log")
     for place, curve in enumerate(chart.curves):
@@ -110,6 +121,8 @@ def draw(chart: Chart, folder: Path) -> None:
                     fontsize=7.5,
                     color=colour,
                 )
+    if not chart.log_y:
+        axes.set_ylim(0.0, 1.1 * max(max(curve.y) for curve in chart.curves))
     if chart.level is not None:
         height, words = chart.level
         axes.axhline(height, color=FAINT, linewidth=1, linestyle=":")

@@ -37,7 +37,8 @@ def run(
 
     Parameters
     ----------
-    folder : made if need be. Parts that are not run now are kept in its ``report.json``.
+    folder : made if need be. Parts that are not run now are kept in its ``report.json``, and so
+        are scenes that are not rendered now.
     only : names of :data:`PARTS`; all by default.
     with_charts : draw them, which needs matplotlib.
     progress : takes a line when a part begins and when it ends.
@@ -60,6 +61,7 @@ def run(
         part = _part(name)
         progress(f"[{place}/{len(names)}] {part.TITLE} ...")
         started = time.perf_counter()
+        kept = report["parts"].get(name, {}).get("found", {})
         found = part.run(settings)
         taken = time.perf_counter() - started
         report["parts"][name] = {
@@ -69,6 +71,8 @@ def run(
             "machine": machine(),
             "found": _plain(found),
         }
+        if name in SCENE_PARTS:
+            _keep_scenes(report["parts"][name]["found"], kept)
         progress(f"[{place}/{len(names)}] {part.TITLE}: {taken:.1f} s")
         # After each part: an interrupted run keeps what it has.
         write(report, folder, with_charts=with_charts)
@@ -155,6 +159,13 @@ def _kept(folder: Path) -> dict:
         if report.get("kind") == "benchmark":
             return report
     return {"kind": "benchmark", "parts": {}}
+
+
+def _keep_scenes(found: dict, before: dict) -> None:
+    """Put an earlier run's other scenes before those of this one."""
+    names = {scene["scene"] for scene in found["scenes"]}
+    others = [scene for scene in before.get("scenes", []) if scene["scene"] not in names]
+    found["scenes"] = others + found["scenes"]
 
 
 def _plain(value: object) -> object:
