@@ -99,54 +99,61 @@ class Curves:
         at_edge = upper_r2 / upper2  # 1 / P² of the limiting term
         within = upper_r2 * cosine2
         within -= upper_r2
-        turn = way = spread = twist = lift = way_zeta = 0.0
+        turn = None
+        way, way_zeta, spread, twist, lift = np.zeros((5, *below.shape))
+        ell2 = ell * ell
         odd = {}  # for each count the direction cosines of a term that awaits another
         for ior, terms in self.terms:
             p2 = ior * ior - zeta2
             per = 1.0 / p2
-            inverses = ways = falls = 0.0
+            inverses = ways = falls = None
             for radius2, count in terms:
                 if radius2 is None:
                     radius2 = r2
-                room = p2 * radius2
-                room -= upper2
-                np.maximum(room, 0.0, out=room)
-                w = room + below
+                w = p2 * radius2
+                w -= upper2
+                np.maximum(w, 0.0, out=w)
+                w = w + below
                 np.sqrt(w, out=w)
                 inverse = count / w
-                falls = falls + (within + radius2) * inverse
+                fall = within + radius2
+                fall *= inverse
+                falls = _plus(falls, fall)
                 if turning:
-                    inverses = inverses + inverse
                     # Two angles at once: the argument of a product.
                     size = abs(count)
                     if size in odd:
                         other, side = odd.pop(size)
                         same = side * count > 0
-                        product = w * other
-                        cross = ell * ell
-                        real = product - cross if same else product + cross
-                        imag = other + w if same else w - other
+                        real = w * other
+                        if same:
+                            real -= ell2
+                            imag = other + w
+                        else:
+                            real += ell2
+                            imag = w - other
                         imag *= ell
-                        angle = np.arctan2(imag, real)
+                        angle = np.arctan2(imag, real, out=imag)
                         angle *= side * size
-                        turn = turn + angle
+                        turn = _plus(turn, angle)
                     else:
                         odd[size] = w, (1 if count > 0 else -1)
-                w_counted = w * count
-                ways = ways + w_counted
-            ways = ways * per
-            way = way - ways
+                    inverses = _plus(inverses, inverse)
+                ways = _plus(ways, w * count)
+            ways *= per
+            way -= ways
             if turning:
-                spread = spread + inverses
-                twist = twist + (per - at_edge) * inverses
-                lift = lift + per * inverses
+                spread += inverses
+                lift += per * inverses
+                inverses *= per - at_edge
+                twist += inverses
             falls *= -1.0
             falls += 2.0 * ways
             falls *= zeta2 * per
             falls += ways
-            way_zeta = way_zeta - falls
+            way_zeta -= falls
         for size, (w, side) in odd.items():
-            turn = turn + side * size * np.arctan2(ell, w)
+            turn = _plus(turn, side * size * np.arctan2(ell, w))
         ell_tau = upper * np.sqrt(cosine2)
         return State(
             ell,
@@ -161,7 +168,10 @@ class Curves:
     def invariants(self, tau: Floats, tangent: Floats, mirror: Floats) -> tuple[Floats, Floats]:
         """ℓ and ζ with their signs."""
         sign = self.sign if self.free else np.sign(self.passage.frame.zeta)
-        return mirror * self.state(tau, tangent).ell, sign * self.zeta(tangent)
+        zeta = self.zeta(tangent)
+        upper2, _ = self.passage.upper_limit(zeta * zeta, self.radius * self.radius)
+        ell = np.sqrt(np.maximum(upper2, FLOOR)) * np.sin(tau)
+        return mirror * ell, sign * zeta
 
     def start(self, tau: Floats) -> Floats:
         """A first tangent: as if ways across the axis did not depend on ζ."""
@@ -221,13 +231,20 @@ class Curves:
         lean = -state.height_tau / np.where(steep, 1.0, slope)
         return np.where(steep | (tangent > 10.0), 0.0, lean)
 
-    def climb(self, tau: Floats, tangent: Floats, small: float, most: int) -> tuple[Floats, State]:
+    def climbed(
+        self, tau: Floats, tangent: Floats, small: float, most: int
+    ) -> tuple[Floats, State]:
+        """`climb`, and the state there."""
+        tangent = self.climb(tau, tangent, small, most)
+        return tangent, self.state(tau, tangent)
+
+    def climb(self, tau: Floats, tangent: Floats, small: float, most: int) -> Floats:
         """The tangent at which rays with this τ reach the target's height.
 
         Newton's steps, halved back into a bracket; the height grows with ζ along τ.
         """
         if not self.free:
-            return tangent, self.state(tau, tangent)
+            return tangent
         curves, low, high, index = self, 0.0, np.inf, None
         place, moving = tau, np.ones(1, dtype=bool)
         here = tangent
@@ -266,7 +283,63 @@ class Curves:
                 tangent = here
             else:
                 tangent.ravel()[index] = here
-        return tangent, self.state(tau, tangent)
+        return tangent
+
+    def along(self, taus: Floats) -> tuple[Floats, Floats, Floats]:
+        """Tangent, F and its slope at each of `taus` (k,), the last of them the edge: (k, n)."""
+        if not self.free:
+            tangent = self.start(taus[:, None])
+            state = self.state(taus[:, None], tangent)
+            return tangent, state.turn, np.array(state.slope(False))
+        # A few places from the start, those between from these.
+        last = len(taus) - 1
+        few = np.unique(np.linspace(0, last, max(2, last // 3 + 1)).round().astype(np.intp))
+        rest = np.setdiff1d(np.arange(last + 1), few)
+        known = self.climb(taus[few, None], self.start(taus[few, None]), NEAR, 30)
+        tangent = np.empty((last + 1, len(self.radius)))
+        tangent[few] = known
+        for row in rest:
+            between = 0.0
+            for one, value in zip(few, known, strict=True):
+                others = few[few != one]
+                part = np.prod((taus[row] - taus[others]) / (taus[one] - taus[others]))
+                between = between + part * value
+            tangent[row] = between
+        np.clip(tangent, 0.0, STEEP, out=tangent)
+        tau = np.broadcast_to(taus[:, None], tangent.shape)
+        tangent, turn, slope, near = self._corrected(tau, tangent)
+        far = np.flatnonzero(~near)
+        if len(far):
+            place, curves = tau.ravel()[far], self.take(far % len(self.radius))
+            climbed = curves.climb(place, tangent.ravel()[far], NEAR, 30)
+            climbed, turned, sloped, _ = curves._corrected(place, climbed)
+            for whole, part in ((tangent, climbed), (turn, turned), (slope, sloped)):
+                whole.ravel()[far] = part
+        # The edge tells which targets have an image at all.
+        tangent[-1], state = self.climbed(taus[-1:], tangent[-1], 1e-9, 30)
+        turn[-1], slope[-1] = state.turn, state.slope(True)
+        return tangent, turn, slope
+
+    def _corrected(self, tau: Floats, tangent: Floats) -> tuple[Floats, ...]:
+        """Tangent, F and slope with what is left of the way to the target's height, to first
+        order, and where that is little."""
+        state = self.state(tau, tangent)
+        square = 1.0 + tangent * tangent
+        gain = np.where(np.abs(state.height_zeta) > FLOOR, state.height_zeta, FLOOR)
+        fall = (state.height - self.height) / gain
+        move = fall * (square * np.sqrt(square)) / self.zeta_max
+        near = np.abs(move) <= NEAR * (1.0 + tangent)
+        tangent = np.where(near, np.maximum(tangent - move, 0.0), tangent)
+        turn = np.where(near, state.turn - state.turn_zeta * fall, state.turn)
+        return tangent, turn, np.array(state.slope(True)), near
+
+
+def _plus(total: Floats | None, part: Floats) -> Floats:
+    """The sum, in the total's place; the first part becomes the total."""
+    if total is None:
+        return part
+    total += part
+    return total
 
 
 def strays(curves: Curves, targets, known) -> tuple[NDArray[np.intp], ...]:
@@ -382,13 +455,12 @@ class Leg:
         if cells > 1 and curves.free and curves.corner().any():
             # Where two limits of the domain cross, F may turn round very close to its edge.
             taus = np.concatenate([taus[:-1], EDGE - (EDGE / cells) * NEAR_EDGE, taus[-1:]])
-        tangent, state = curves.climb(taus[:, None], curves.start(taus[:, None]), 1e-5, 30)
-        slope = np.array(state.slope(curves.free))
-        self.last_turn, self.last_tangent = state.turn[-1], tangent[-1]
+        tangent, turn, slope = curves.along(taus)
+        self.last_turn, self.last_tangent = turn[-1], tangent[-1]
         self.first_tangent = tangent[0]
         # Ends of parts, target by target.
         tau, index = np.tile(taus, count), np.repeat(np.arange(count), len(taus))
-        ends = [part.T.ravel() for part in (tangent, state.turn, slope)]
+        ends = [part.T.ravel() for part in (tangent, turn, slope)]
         ends = self._dips(index, [tau, *ends], len(taus))
         self._cut(*ends)
 
@@ -413,7 +485,7 @@ class Leg:
         neighbour = np.where(shift > 0.0, where + 1, where - 1)
         new_tau = tau[where] + np.abs(shift) * (tau[neighbour] - tau[where])
         curves = self.curves.take(index[where])
-        new_tangent, state = curves.climb(new_tau, tangent[where], 1e-5, 30)
+        new_tangent, state = curves.climbed(new_tau, tangent[where], 1e-5, 30)
         before = np.where(shift > 0.0, where + 1, where)
         fields = (index[where], new_tau, new_tangent, state.turn, state.slope(curves.free))
         return tuple(
@@ -518,7 +590,7 @@ class Leg:
                 last_tau, last_slope = before, here
             tau = np.where((tau > low) & (tau < high), tau, between)
             tau = np.where((tau > low) & (tau < high), tau, 0.5 * (low + high))
-            tangent, state = curves.climb(
+            tangent, state = curves.climbed(
                 tau, np.maximum(tangent + lean * (tau - before), 0.0), 1e-6, 30
             )
             turn, here = state.turn, state.slope(curves.free)
@@ -620,7 +692,7 @@ class Leg:
                 new_tangent = np.minimum(new_tangent, np.minimum(4.0 * tangent + 1e3, STEEP))
                 change = np.maximum(change, np.abs(new_tangent - tangent) / (1.0 + tangent**2))
             result_tau[index], result_tangent[index] = new, new_tangent
-            moving = change > 1e-14
+            moving = change > SETTLED
             if not moving.any():
                 break
             index = index[moving]
@@ -684,6 +756,12 @@ NEAR_EDGE = np.array([0.3, 0.1, 0.03, 0.01, 0.003])
 
 ROUNDING = 1e-32
 """Floor of sin²((π/2 − τ)/2): the edge of the domain to float64."""
+
+NEAR = 3e-3
+"""Relative step of the tilt after which one more, to first order, will do for a bracket."""
+
+SETTLED = 1e-9
+"""Step in τ and tilt that Newton's next one would not change."""
 
 NO_PIECE = 1e3
 """Gap that stands for a piece that a target's curve does not have."""
