@@ -17,7 +17,7 @@ import threading
 import bpy
 from bpy.app.handlers import persistent
 
-from .scene import changes
+from .scene import changes, motion_blur
 from .scene import update as door
 from .scene.layers import user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
@@ -106,7 +106,7 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         if own(scene, "displaced") and depsgraph.mode == "RENDER" and scene.render.use_motion_blur:
             user = user_scene_of(scene)
             if user is not None:
-                door.show_moment(user, door.frame_time(scene))
+                motion_blur.show_moment(user, motion_blur.frame_time(scene))
         return
     changes.note(scene, depsgraph)
     if depsgraph.mode != "RENDER":
@@ -131,7 +131,7 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
 
 @persistent
 def _on_render_frame(scene: bpy.types.Scene, *_) -> None:
-    door.begin_frame(scene)
+    motion_blur.begin_frame(scene)
 
 
 @persistent

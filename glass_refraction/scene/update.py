@@ -14,19 +14,18 @@ Both compare with what stands and do only what differs; ``counters`` tells how m
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from .. import optics
-from .appearance import Appearance, Search, Solver, Source, moment_of
+from .appearance import Search, Solver, Source
 from .bake_playback import bake_problems, is_held
 from .changes import generation
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
-from .copies import write_copy, write_moment, write_true_mesh
+from .copies import write_copy, write_true_mesh
 from .environment import is_uniform, surroundings, write_rays, write_screen
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
@@ -39,8 +38,11 @@ from .layers import (
     remove_layers,
     source_of,
 )
+from .memory import Memory, Status, Step, counters, forget, memory_of, status
 from .modifier_inputs import write_input
-from .names import RefractiveGlassError, own
+from .motion_blur import frame_time, keep_moment
+from .names import RefractiveGlassError
+from .panes import kept_paths, standing_panes
 from .regions import Regions, path_regions, picture_rect
 from .sources import (
     Snapshot,
@@ -54,70 +56,23 @@ from .tessellation import Probe, region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
 from .viewpoint import Viewpoint, read_viewpoint
 
-PATH_SEARCH_SIDE = 96
-"""Rays across a glass, its shorter way, with which the paths' mean weights are found: a verge of a
-hundredth of it is met by one of them, however few pixels the glass has in the picture."""
+__all__ = [
+    "Status",
+    "Step",
+    "counters",
+    "effective_shading",
+    "finished",
+    "forget",
+    "kept_paths",
+    "memory_of",
+    "prepare",
+    "remove",
+    "status",
+    "update",
+    "updating",
+]
 
 MAX_TOLERANCE_PX = 8.0
-
-counters: Counter[str] = Counter()
-"""Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``."""
-
-
-@dataclass
-class Status:
-    """What the panel shows of a scene's last update."""
-
-    vertices: int = 0
-    paths: tuple[str, ...] = ()
-    milliseconds: float = 0.0
-    bound_px: float = 0.0
-    problems: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Step:
-    """How far an update has come: the part that is done (0 to 1), and what comes next."""
-
-    share: float
-    label: str
-
-
-@dataclass
-class _Memory:
-    """What was computed for a scene, with the stamps that it was computed from."""
-
-    regions: dict[str, tuple[tuple, Regions]] = field(default_factory=dict)
-    copies: dict[tuple[str, str, int], tuple[tuple, Source, Appearance]] = field(
-        default_factory=dict
-    )
-    occluders: dict[int, Snapshot] = field(default_factory=dict)
-    probes: dict[tuple[str, optics.LightPath], tuple[tuple, Probe]] = field(default_factory=dict)
-    still: tuple | None = None
-    centre: float | None = None
-    """The rendered frame's own time, once it is known; motion blur asks for others round it."""
-    moments: dict[float, dict[tuple[str, str, int], np.ndarray]] = field(default_factory=dict)
-    """Where the vertices of each copy are at these times."""
-    paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
-    status: Status = field(default_factory=Status)
-
-
-_memories: dict[int, _Memory] = {}
-
-
-def memory_of(scene: bpy.types.Scene) -> _Memory:
-    """The scene's runtime memory; lost on undo and file load, then computed anew."""
-    return _memories.setdefault(scene.original.session_uid, _Memory())
-
-
-def forget() -> None:
-    """Drop all that was computed: references and arrays may be stale (undo, redo, file load)."""
-    _memories.clear()
-
-
-def status(scene: bpy.types.Scene) -> Status:
-    """What the last update of the scene did."""
-    return memory_of(scene).status
 
 
 def effective_shading(scene: bpy.types.Scene) -> str:
@@ -206,7 +161,7 @@ def remove(scene: bpy.types.Scene) -> None:
     """Remove all that was made for the scene's glasses, and only that."""
     remove_group(scene)
     remove_layers(scene)
-    _memories.pop(scene.session_uid, None)
+    forget(scene)
 
 
 def update(
@@ -250,14 +205,14 @@ def updating(
     view = read_viewpoint(scene, depsgraph)
     blurred = is_render and scene.render.use_motion_blur
     if blurred and memory.centre not in (None, frame_time(scene)):
-        _keep_moment(scene, memory, layers, view, depsgraph)
+        keep_moment(scene, memory, layers, view, depsgraph)
         return memory.status
     # A render evaluates by itself, and nobody tells of what.
     still = None if is_render else (generation(scene), view.stamp(), _settings_stamp(scene), exact)
     if still is not None and memory.still == still:
         return memory.status
     problems: list[str] = []
-    panes = _standing_panes(scene, layers, depsgraph, problems)
+    panes = standing_panes(scene, layers, depsgraph, problems)
     copies = layers.copies()
     rects = []
     importance: dict[str, float] = {}
@@ -298,53 +253,6 @@ def updating(
     return memory.status
 
 
-def begin_frame(scene: bpy.types.Scene) -> None:
-    """A render begins a frame: the next evaluation is that of the frame's own time."""
-    memory = memory_of(scene)
-    memory.centre = None
-    memory.moments.clear()
-
-
-def frame_time(scene: bpy.types.Scene) -> float:
-    """The scene's frame with its sub-frame."""
-    return scene.frame_current + scene.frame_subframe
-
-
-def show_moment(scene: bpy.types.Scene, own_time: float) -> None:
-    """Move the copies to where they are at a time round the frame (frames), for motion blur.
-
-    The user's scene, rendered first, went through all these times; they were kept then.
-    """
-    layers, memory = find_layers(scene), memory_of(scene)
-    if layers is None or not memory.moments:
-        return
-    nearest = min(memory.moments, key=lambda kept: abs(kept - own_time))
-    for key, copy in layers.copies().items():
-        if key in memory.moments[nearest]:
-            write_moment(copy, memory.copies[key][2], memory.moments[nearest][key])
-
-
-def _keep_moment(scene, memory: _Memory, layers: Layers, view: Viewpoint, depsgraph) -> None:
-    """Find where the copies' vertices are now, between frames; what they hold stays."""
-    moment = memory.moments.setdefault(frame_time(scene), {})
-    copies = layers.copies()
-    for pane, glass in _standing_panes(scene, layers, depsgraph, []):
-        for path in pane.paths:
-            solver = Solver(glass, path, view, 0.1 * scene.refractive_glass.tolerance_px)
-            for key, copy in copies.items():
-                if key[:2] != (glass.name, path.events) or key not in memory.copies:
-                    continue
-                shape = memory.copies[key][2]
-                original = source_of(copy)
-                with pieces(original, depsgraph) as parts:
-                    source = Source(parts, is_carried(original), {})
-                    position = moment_of(solver, source, shape)
-                    source.close()
-                if position is not None:
-                    moment[key] = position
-                    counters["solves"] += 1
-
-
 def _settings_stamp(scene: bpy.types.Scene) -> tuple:
     settings = scene.refractive_glass
     return (
@@ -364,55 +272,6 @@ def _dress_copies(layers: Layers, depsgraph) -> None:
     for source, copies in of_source.items():
         dress(copies, source, depsgraph)
     remove_unused()
-
-
-def kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
-    """The paths that the glass's picture is made of: a mean weight of ``min_weight`` or more.
-
-    ``optics.light_paths`` lists what carries that much for *some* ray; close to the verge light
-    runs round in the wall along a dozen paths, each too thin to be seen. Raises
-    RefractiveGlassError where the eye is inside the wall.
-    """
-    settings = scene.refractive_glass
-    fresnel = settings.surface == "GLASS"
-    stamp = (glass.stamp(), view.stamp(), settings.min_weight, fresnel)
-    known = memory_of(scene).paths.get(glass.name)
-    if known is not None and known[0] == stamp:
-        return known[1]
-    first_face(glass, view.eye_for(glass))
-    paths = optics.light_paths(
-        glass.description, view.eye_for(glass), min_weight=settings.min_weight
-    )
-    x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
-    finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
-    size = tuple(max(1, round(n * finer)) for n in view.size)
-    coarse = replace(view, size=size, window=(0, 0, *size))
-    found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
-    mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
-    kept = tuple(p for p, share in zip(paths, mean, strict=True) if share >= settings.min_weight)
-    memory_of(scene).paths[glass.name] = (stamp, kept)
-    return kept
-
-
-def _standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pane, Glass]]:
-    """The glasses and paths that the own scenes were made for, as they are evaluated now."""
-    events: dict[str, list[str]] = {}
-    for collection in layers.lookup.collection.children:
-        if own(collection, "copies"):
-            name = collection["refractive_glass_name"]
-            events.setdefault(name, []).append(collection["refractive_glass_path"])
-    panes = []
-    for obj in glass_objects(depsgraph.view_layer):
-        if obj.name not in events:
-            continue
-        try:
-            glass = read_glass(obj, depsgraph)
-        except RefractiveGlassError as error:
-            problems.append(str(error))
-            continue
-        paths = tuple(optics.LightPath(e) for e in events[obj.name])
-        panes.append((Pane(obj, paths, ()), glass))
-    return panes
 
 
 def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layers) -> Regions:
@@ -456,7 +315,7 @@ class _Task:
     """The copies of one light path of one glass, to be brought up to date."""
 
     scene: bpy.types.Scene
-    memory: _Memory
+    memory: Memory
     pane: Pane
     glass: Glass
     path: optics.LightPath
@@ -514,7 +373,7 @@ class _Task:
         return known[1]
 
 
-def _update_occluders(layers: Layers, memory: _Memory, depsgraph) -> None:
+def _update_occluders(layers: Layers, memory: Memory, depsgraph) -> None:
     """Sources that Geometry Nodes cannot take stand at their true places as meshes of their own."""
     for uid, occluder in layers.occluders().items():
         source = source_of(occluder)
