@@ -4,9 +4,32 @@
 from __future__ import annotations
 
 from . import handlers
-from .ui import bake, command, menus, operators, overlay, panels, properties
+from .ui import (
+    asset_library,
+    bake,
+    command,
+    media,
+    menus,
+    operators,
+    overlay,
+    panels,
+    properties,
+    translations,
+)
 
-_PARTS = (properties, operators, bake, panels, overlay, menus, command, handlers)
+_PARTS = (
+    translations,
+    properties,
+    media,
+    operators,
+    bake,
+    menus,
+    panels,
+    overlay,
+    asset_library,
+    command,
+    handlers,
+)
 
 
 def register() -> None:

@@ -138,7 +138,9 @@ def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
     try:
         if shape == "Slab":
             outline, frame = _flat_outline(obj, scale)
-            description = optics.FlatGlass((size["wall"],), (ior,), outline=outline)
+            description = optics.FlatGlass(
+                (size["wall"],), (ior,), ior_below=contents, outline=outline
+            )
             pose = pose @ frame
         else:
             description = _coaxial(shape, size, ior, contents)

@@ -61,6 +61,14 @@ def write_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
     modifier.id_data.update_tag()
 
 
+def value_place(modifier: bpy.types.NodesModifier, name: str) -> tuple[bpy.types.bpy_struct, str]:
+    """The piece of Blender data and its property that hold the socket's value, for layouts."""
+    identifier = _identifiers(modifier)[name]
+    if hasattr(modifier, "properties"):
+        return getattr(modifier.properties.inputs, identifier), "value"
+    return modifier, f'["{identifier}"]'
+
+
 def data_path(modifier: bpy.types.NodesModifier, name: str) -> str:
     """RNA path of the socket's value from the object, for keyframes, drivers and panels."""
     identifier = _identifiers(modifier)[name]

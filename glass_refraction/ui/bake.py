@@ -180,13 +180,4 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 CLASSES = (SCENE_OT_refractive_glass_bake, SCENE_OT_refractive_glass_bake_free)
 
 
-def register() -> None:
-    """Register the operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    """Undo :func:`register`."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

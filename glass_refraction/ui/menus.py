@@ -1,23 +1,42 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Add > Mesh > Refractive Glass."""
+"""Add > Mesh > Refractive Glass, Add Modifier > Refractive Glass."""
 
 from __future__ import annotations
 
 import bpy
 
-from .operators import SHAPES, OBJECT_OT_refractive_glass_add
+from .operators import (
+    SHAPES,
+    OBJECT_OT_refractive_glass_add,
+    OBJECT_OT_refractive_glass_modifier_add,
+)
+from .presets import PRESETS
+
+_SHAPE_ICONS = {
+    "SLAB": "MESH_PLANE",
+    "CYLINDER": "MESH_CYLINDER",
+    "ROD": "MESH_CYLINDER",
+    "SPHERE": "MESH_UVSPHERE",
+}
 
 
 class VIEW3D_MT_refractive_glass_add(bpy.types.Menu):
-    """The shapes of glass"""
+    """The shapes of glass, and everyday glasses"""
 
     bl_idname = "VIEW3D_MT_refractive_glass_add"
     bl_label = "Refractive Glass"
 
     def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.operator_context = "INVOKE_REGION_WIN"
+        add = OBJECT_OT_refractive_glass_add.bl_idname
         for shape, label, _ in SHAPES:
-            operator = self.layout.operator(OBJECT_OT_refractive_glass_add.bl_idname, text=label)
-            operator.shape = shape
+            layout.operator(add, text=label, icon=_SHAPE_ICONS[shape]).shape = shape
+        layout.separator()
+        for preset in PRESETS:
+            operator = layout.operator(add, text=preset.label, icon=preset.icon)
+            for name, value in preset.values.items():
+                setattr(operator, name, value)
 
 
 def _draw_add(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
@@ -25,13 +44,30 @@ def _draw_add(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     menu.layout.menu(VIEW3D_MT_refractive_glass_add.bl_idname, icon="MESH_CYLINDER")
 
 
+def _draw_add_modifier(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
+    if context.object is None or context.object.type != "MESH":
+        return
+    menu.layout.separator()
+    menu.layout.operator_context = "INVOKE_REGION_WIN"
+    menu.layout.operator(
+        OBJECT_OT_refractive_glass_modifier_add.bl_idname,
+        text="Refractive Glass",
+        icon="MESH_CYLINDER",
+    )
+
+
+_register, _unregister = bpy.utils.register_classes_factory((VIEW3D_MT_refractive_glass_add,))
+
+
 def register() -> None:
-    """Register the menu and hang it into Add > Mesh."""
-    bpy.utils.register_class(VIEW3D_MT_refractive_glass_add)
+    """Register the menu and hang the entries into Blender's."""
+    _register()
     bpy.types.VIEW3D_MT_mesh_add.append(_draw_add)
+    bpy.types.OBJECT_MT_modifier_add.append(_draw_add_modifier)
 
 
 def unregister() -> None:
     """Undo :func:`register`."""
+    bpy.types.OBJECT_MT_modifier_add.remove(_draw_add_modifier)
     bpy.types.VIEW3D_MT_mesh_add.remove(_draw_add)
-    bpy.utils.unregister_class(VIEW3D_MT_refractive_glass_add)
+    _unregister()

@@ -3,18 +3,21 @@
 
 from __future__ import annotations
 
-import math
 import time
 from pathlib import Path
 
 import bpy
+import numpy as np
+from bpy.app.translations import pgettext_rpt as _rpt
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ..scene import update as door
+from ..scene.arrays import positions
 from ..scene.glasses import glass_modifier
 from ..scene.materials import glass_material
 from ..scene.modifier_inputs import write_input
-from ..scene.names import MODIFIER, RefractiveGlassError, load_group
+from ..scene.names import MODIFIER, RefractiveGlassError, load_group, own
+from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 
 SHAPES = (
     ("SLAB", "Slab", "A flat pane; a mesh's flat face is its outline"),
@@ -23,6 +26,12 @@ SHAPES = (
     ("SPHERE", "Sphere", "A hollow ball, or a solid one with wall thickness 0"),
 )
 
+MIN_LENGTH, MAX_LENGTH = 1e-6, 1e6
+"""Metres. Beyond, Blender's own float32 meshes lose their shape."""
+MAX_IOR = 100.0
+FLATNESS = 1e-4
+"""Of a slab's outline, relative to its size."""
+
 SLICE_SECONDS = 0.05
 """Work between two looks at the keyboard; one copy may take longer."""
 
@@ -30,14 +39,23 @@ SLICE_SECONDS = 0.05
 class GlassProperties:
     """What both adding operators ask for; lengths in metres."""
 
-    shape: bpy.props.EnumProperty(name="Shape", items=SHAPES, default="CYLINDER")
+    shape: bpy.props.EnumProperty(
+        name="Shape", description="What the glass is", items=SHAPES, default="CYLINDER"
+    )
     radius: bpy.props.FloatProperty(
-        name="Radius", description="Outer radius", default=0.04, subtype="DISTANCE", unit="LENGTH"
+        name="Radius",
+        description="Outer radius; of a new slab half its width",
+        default=0.04,
+        soft_min=0.001,
+        subtype="DISTANCE",
+        unit="LENGTH",
+        precision=4,
     )
     wall_thickness: bpy.props.FloatProperty(
         name="Wall Thickness",
-        description="Of the wall, or of the slab",
+        description="Of the wall, or of the slab; a sphere with 0 is a solid ball",
         default=0.003,
+        soft_min=0.0,
         subtype="DISTANCE",
         unit="LENGTH",
         precision=4,
@@ -46,46 +64,87 @@ class GlassProperties:
         name="Height",
         description="Of a cylinder or rod",
         default=0.12,
+        soft_min=0.001,
         subtype="DISTANCE",
         unit="LENGTH",
+        precision=4,
     )
     ior: bpy.props.FloatProperty(
-        name="IOR", description="Index of refraction of the glass", default=1.5, precision=4
+        name="IOR",
+        description="Index of refraction of the glass",
+        default=1.5,
+        soft_min=1.0,
+        soft_max=3.0,
+        precision=4,
     )
     contents_ior: bpy.props.FloatProperty(
         name="Contents IOR",
-        description="Index of refraction of the contents: 1 for air, 1.333 for water",
+        description="Index of refraction of the contents, or of what lies behind a slab: "
+        "1 for air, 1.333 for water",
         default=1.0,
+        soft_min=1.0,
+        soft_max=3.0,
         precision=4,
     )
+    medium: bpy.props.EnumProperty(
+        name="Medium",
+        description="What the glass is made of; Custom takes the index of refraction below",
+        items=MEDIUM_ITEMS,
+        default=CUSTOM,
+        options={"SKIP_SAVE"},
+    )
+    contents: bpy.props.EnumProperty(
+        name="Contents",
+        description="What the glass holds, or what lies behind a slab; Custom takes the index of "
+        "refraction below",
+        items=MEDIUM_ITEMS,
+        default=CUSTOM,
+        options={"SKIP_SAVE"},
+    )
+
+    def take_media(self) -> None:
+        """Give the indices of refraction the values of the media that are named."""
+        for field, medium in (("ior", self.medium), ("contents_ior", self.contents)):
+            ior = choose_ior(medium)
+            if ior is not None:
+                setattr(self, field, ior)
 
     def problem(self) -> str | None:
         """What is wrong with the values, as one line, or None."""
-        lengths = {"Radius": self.radius, "Wall thickness": self.wall_thickness}
+        lengths = {}
+        if self.shape != "SLAB" or self.makes_outline:
+            lengths["Radius"] = self.radius
+        if self.shape != "ROD":
+            lengths["Wall thickness"] = self.wall_thickness
         if self.shape in {"CYLINDER", "ROD"}:
             lengths["Height"] = self.height
-        if self.shape == "SLAB":
-            lengths.pop("Radius")
-        if self.shape == "ROD":
-            lengths.pop("Wall thickness")
         for name, value in lengths.items():
             solid = self.shape == "SPHERE" and name == "Wall thickness" and value == 0
-            if not (math.isfinite(value) and value > 0) and not solid:
-                return f"{name} {value:g} m must be positive"
-        for name, value in (("IOR", self.ior), ("Contents IOR", self.contents_ior)):
-            if not (math.isfinite(value) and value > 0):
-                return f"{name} {value:g} must be positive"
+            if not (MIN_LENGTH <= value <= MAX_LENGTH) and not solid:
+                return _rpt("{} is {:g} m: give a length between {:g} and {:g} m").format(
+                    _rpt(name), value, MIN_LENGTH, MAX_LENGTH
+                )
+        iors = {"IOR": self.ior}
+        if self.shape != "ROD":
+            iors["Contents IOR"] = self.contents_ior
+        for name, value in iors.items():
+            if not (0 < value <= MAX_IOR):
+                return _rpt("{} is {:g}: give a number above 0, up to {:g}").format(
+                    _rpt(name), value, MAX_IOR
+                )
         if self.shape in {"CYLINDER", "SPHERE"} and self.wall_thickness >= self.radius:
-            return (
-                f"Wall thickness {self.wall_thickness:g} m must be smaller than "
-                f"the radius {self.radius:g} m"
+            return _rpt("Wall thickness {:g} m must be smaller than the radius {:g} m").format(
+                self.wall_thickness, self.radius
             )
         return None
 
-    def apply(self, obj: bpy.types.Object) -> None:
+    makes_outline = False
+    """Whether a slab's outline is made from the radius; else the object's mesh is the outline."""
+
+    def apply(self, obj: bpy.types.Object, group: bpy.types.NodeTree) -> None:
         """Put the modifier on the object with these values."""
         modifier = obj.modifiers.new(MODIFIER, "NODES")
-        modifier.node_group = load_group(MODIFIER)
+        modifier.node_group = group
         write_input(modifier, "Shape", self.shape.title())
         for socket, value in (
             ("Radius", self.radius),
@@ -101,68 +160,159 @@ class GlassProperties:
         """The redo panel: only what the shape uses."""
         layout = self.layout
         layout.use_property_split = True
+        layout.use_property_decorate = False
         layout.prop(self, "shape")
-        if self.shape != "SLAB":
-            layout.prop(self, "radius")
+        column = layout.column(align=True)
+        if self.shape != "SLAB" or self.makes_outline:
+            column.prop(self, "radius")
         if self.shape != "ROD":
-            layout.prop(self, "wall_thickness")
+            column.prop(self, "wall_thickness")
         if self.shape in {"CYLINDER", "ROD"}:
-            layout.prop(self, "height")
-        layout.prop(self, "ior")
-        if self.shape in {"CYLINDER", "SPHERE"}:
-            layout.prop(self, "contents_ior")
+            column.prop(self, "height")
+        self._draw_medium("medium", "ior", "Medium")
+        if self.shape != "ROD":
+            label = "Behind" if self.shape == "SLAB" else "Contents"
+            self._draw_medium("contents", "contents_ior", label)
+
+    def _draw_medium(self, medium: str, ior: str, label: str) -> None:
+        column = self.layout.column(align=True)
+        column.prop(self, medium, text=label)
+        number = column.row()
+        number.enabled = getattr(self, medium) == CUSTOM
+        number.prop(self, ior, text="IOR")
 
 
 class OBJECT_OT_refractive_glass_add(bpy.types.Operator, AddObjectHelper, GlassProperties):
     """Add a glass through which objects are seen refracted"""
 
     bl_idname = "object.refractive_glass_add"
-    bl_label = "Refractive Glass"
+    bl_label = "Add Refractive Glass"
     bl_options = {"REGISTER", "UNDO"}
+
+    makes_outline = True
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return context.mode == "OBJECT" and context.scene.library is None
+        return _can_edit(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        self.take_media()
         problem = self.problem()
+        if problem is None and not context.collection.is_editable:
+            problem = _rpt(
+                'Collection "{}" is linked from a library: choose another in the outliner'
+            ).format(context.collection.name)
         if problem is not None:
             self.report({"ERROR"}, problem)
             return {"CANCELLED"}
+        group = load_group(MODIFIER)
         mesh = bpy.data.meshes.new("Refractive Glass")
         if self.shape == "SLAB":
             half = self.radius
             corners = [(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)]
             mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
         obj = object_data_add(context, mesh, operator=self, name="Refractive Glass")
-        self.apply(obj)
+        self.apply(obj, group)
         return {"FINISHED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        GlassProperties.draw(self, context)
+        for name in ("align", "location", "rotation"):
+            self.layout.prop(self, name)
 
 
 class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassProperties):
-    """Make the active mesh object a glass through which objects are seen refracted"""
+    """Make the active mesh object a glass of its size, through which objects are seen refracted"""
 
     bl_idname = "object.refractive_glass_modifier_add"
-    bl_label = "Refractive Glass"
+    bl_label = "Make Refractive Glass"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         obj = context.object
-        return obj is not None and obj.type == "MESH" and context.mode == "OBJECT"
+        if obj is None or obj.type != "MESH":
+            cls.poll_message_set(_rpt("Select a mesh object: it becomes the glass"))
+            return False
+        return _can_edit(cls, context)
+
+    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
+        if not self.properties.is_property_set("shape"):
+            self.shape = "SLAB" if _is_flat(context.object) else "CYLINDER"
+        return self.execute(context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj = context.object
-        problem = self.problem()
-        if obj.library is not None:
-            problem = f'"{obj.name}" is linked from a library: make it local first'
+        problem = None
+        if not obj.is_editable:
+            problem = _rpt('"{}" is linked from a library: make it local first').format(obj.name)
         elif glass_modifier(obj) is not None:
-            problem = f'"{obj.name}" is a refractive glass already'
+            problem = _rpt('"{}" is a refractive glass already').format(obj.name)
+        elif self.shape == "SLAB" and not _is_flat(obj):
+            problem = _rpt(
+                '"{}" is not flat: a slab takes a flat mesh with a face as its outline'
+            ).format(obj.name)
+        else:
+            self._take_size(obj)
+            self.take_media()
+            problem = self.problem()
+            if problem is not None:
+                problem = f'"{obj.name}": {problem}'
         if problem is not None:
             self.report({"ERROR"}, problem)
             return {"CANCELLED"}
-        self.apply(obj)
+        self.apply(obj, load_group(MODIFIER))
         return {"FINISHED"}
+
+    def _take_size(self, obj: bpy.types.Object) -> None:
+        """Give what was not asked for the size of the object's mesh."""
+        size = _extent(obj)
+        largest = float(size.max())
+        radius = largest if self.shape == "SPHERE" else float(size[:2].max())
+        for name, value in (
+            ("radius", radius / 2),
+            ("height", float(size[2])),
+            ("wall_thickness", min(self.wall_thickness, largest / 20)),
+        ):
+            # Flat to rounding in that direction: no size to take.
+            if value > FLATNESS * largest and not self.properties.is_property_set(name):
+                setattr(self, name, value)
+
+
+def _can_edit(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+    """Whether objects can be added and changed now; tells the reason where not."""
+    if context.mode != "OBJECT":
+        operator.poll_message_set(_rpt("Go to Object Mode first"))
+        return False
+    if own(context.scene):
+        operator.poll_message_set(_rpt("This scene is made by the extension: choose your own"))
+        return False
+    if context.scene.library is not None:
+        operator.poll_message_set(_rpt("The scene is linked from a library: make it local first"))
+        return False
+    return True
+
+
+def _vertices(obj: bpy.types.Object) -> np.ndarray:
+    """The mesh's own vertices (N, 3), in the object's frame."""
+    return positions(obj.data).reshape(-1, 3)
+
+
+def _extent(obj: bpy.types.Object) -> np.ndarray:
+    """Size (3,) of the mesh along its axes; zeros without vertices or with impossible ones."""
+    points = _vertices(obj)
+    if not len(points) or not np.isfinite(points).all():
+        return np.zeros(3)
+    return np.ptp(points, axis=0)
+
+
+def _is_flat(obj: bpy.types.Object) -> bool:
+    """Whether the mesh has a face and all of it lies in one plane."""
+    points = _vertices(obj)
+    if not len(obj.data.polygons) or not np.isfinite(points).all():
+        return False
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] > 0 and spread[2] <= FLATNESS * spread[0])
 
 
 class SCENE_OT_refractive_glass_update(bpy.types.Operator):
@@ -286,13 +436,4 @@ CLASSES = (
 )
 
 
-def register() -> None:
-    """Register the operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    """Undo :func:`register`."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -1,24 +1,138 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The scene's settings and status in the render properties, the 3D view's sidebar."""
+"""A glass's panel in its object and modifier properties, the scene's in the render properties.
+
+Both are in the 3D view's sidebar too, tab *Glass*.
+"""
 
 from __future__ import annotations
 
 import bpy
+from bpy.app.translations import pgettext_iface as _iface
 
 from ..scene import update as door
+from ..scene.glasses import glass_modifier
+from ..scene.modifier_inputs import read_input, value_place
+from ..scene.names import own
 from . import bake
+from .lines import draw_lines
+from .menus import VIEW3D_MT_refractive_glass_add
 from .operators import (
     OBJECT_OT_refractive_glass_modifier_add,
     SCENE_OT_refractive_glass_compare,
     SCENE_OT_refractive_glass_update,
 )
 
+_SIZES = {
+    "Slab": ("Wall Thickness",),
+    "Cylinder": ("Radius", "Wall Thickness", "Height"),
+    "Rod": ("Radius", "Height"),
+    "Sphere": ("Radius", "Wall Thickness"),
+}
+_CONTENTS = {"Slab": "Behind", "Cylinder": "Contents", "Sphere": "Contents"}
+_DISPLAY = ("Segments", "Material")
+_ARRANGED = {
+    *(name for names in _SIZES.values() for name in names),
+    *("Shape", "IOR", "Contents IOR", "Seen Through"),
+    *_DISPLAY,
+}
+_LISTS = {"NodeSocketCollection": "collections", "NodeSocketMaterial": "materials"}
 
-class _Settings:
-    """Draws the scene's settings and what the last update did."""
+
+def draw_input(
+    layout: bpy.types.UILayout,
+    modifier: bpy.types.NodesModifier,
+    name: str,
+    text: str | None = None,
+) -> None:
+    """Draw an input of the glass's modifier, to be keyframed and driven as any property."""
+    owner, place = value_place(modifier, name)
+    items = modifier.node_group.interface.items_tree
+    kind = next(i.socket_type for i in items if i.name == name and i.item_type == "SOCKET")
+    text = _iface(text or name)
+    if kind in _LISTS:
+        layout.prop_search(owner, place, bpy.data, _LISTS[kind], text=text, translate=False)
+    else:
+        layout.prop(owner, place, text=text, translate=False)
+
+
+def _more_inputs(modifier: bpy.types.NodesModifier) -> list[str]:
+    """The inputs that have no place of their own in the panel."""
+    return [
+        item.name
+        for item in modifier.node_group.interface.items_tree
+        if item.item_type == "SOCKET"
+        and item.in_out == "INPUT"
+        and item.socket_type != "NodeSocketGeometry"
+        and not item.hide_in_modifier
+        and item.name not in _ARRANGED
+    ]
+
+
+def describe_path(events: str) -> str:
+    """A light path in words."""
+    through, mirrored = events.count("T"), events.count("R")
+    words = []
+    if through:
+        words.append(_iface("refracted {} times").format(through))
+    if mirrored:
+        words.append(_iface("mirrored {} times").format(mirrored))
+    return f"{events}: {', '.join(words)}"
+
+
+class _Glass:
+    """Draws the active object's glass."""
+
+    bl_label = "Refractive Glass"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        obj = context.object
+        return obj is not None and obj.type == "MESH" and glass_modifier(obj) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        obj = context.object
+        modifier = glass_modifier(obj)
+        shape = read_input(modifier, "Shape")
+        column = layout.column()
+        draw_input(column, modifier, "Shape")
+        column = layout.column(align=True)
+        for name in _SIZES[shape]:
+            draw_input(column, modifier, name)
+        if shape == "Slab":
+            draw_lines(layout, context, _iface("The object's flat mesh is the outline"), "INFO")
+        column = layout.column(align=True)
+        column.prop(obj, "refractive_glass_medium")
+        draw_input(column, modifier, "IOR")
+        if shape in _CONTENTS:
+            column = layout.column(align=True)
+            column.prop(obj, "refractive_glass_contents", text=_CONTENTS[shape])
+            draw_input(column, modifier, "Contents IOR", "IOR")
+        draw_input(layout.column(), modifier, "Seen Through")
+        column = layout.column(align=True)
+        for name in _more_inputs(modifier):
+            draw_input(column, modifier, name)
+        column = layout.column(align=True)
+        for name in _DISPLAY:
+            draw_input(column, modifier, name)
+        for problem in door.status(context.scene).problems:
+            if f'"{obj.name}"' in problem:
+                draw_lines(layout, context, problem, "ERROR")
+        if not modifier.show_render:
+            text = _iface("The modifier is off in renders: switch it on to see through the glass")
+            draw_lines(layout, context, text, "ERROR")
+
+
+class _Scene:
+    """Draws the scene's settings."""
 
     bl_label = "Refractive Glass"
     bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return not own(context.scene)
 
     def draw_header(self, context: bpy.types.Context) -> None:
         self.layout.prop(context.scene.refractive_glass, "enabled", text="")
@@ -28,58 +142,158 @@ class _Settings:
         layout.use_property_split = True
         layout.use_property_decorate = False
         settings = context.scene.refractive_glass
-        layout.active = settings.enabled
+        column = layout.column()
+        column.active = settings.enabled
         for name in ("shading", "surface", "lookup_samples", "tolerance_px", "min_weight"):
-            layout.prop(settings, name)
-        found = door.status(context.scene)
-        column = layout.column(align=True)
-        for problem in found.problems:
-            column.label(text=problem, icon="ERROR")
-        if found.paths:
-            column.label(text=f"Paths: {', '.join(found.paths)}")
-            column.label(text=f"Vertices: {found.vertices:,}")
-            column.label(text=f"Last update: {found.milliseconds:.0f} ms")
-            column.label(text=f"Interpolation within {found.bound_px:.2f} px")
+            column.prop(settings, name)
+        for problem in door.status(context.scene).problems:
+            draw_lines(layout, context, problem, "ERROR")
         row = layout.row(align=True)
         row.operator(SCENE_OT_refractive_glass_update.bl_idname, text="Update")
         row.operator(SCENE_OT_refractive_glass_compare.bl_idname, text="Compare")
-        bake.draw(layout, context)
 
 
-class RENDER_PT_refractive_glass(_Settings, bpy.types.Panel):
-    """In the render properties"""
+class _Status:
+    """Draws what the last update did."""
 
-    bl_idname = "RENDER_PT_refractive_glass"
+    bl_label = "Status"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        found = door.status(context.scene)
+        column = layout.column(align=True)
+        if not found.paths:
+            text = _iface("Nothing computed yet: press Update, or render")
+            draw_lines(column, context, text, "INFO")
+            return
+        for label, value in (
+            ("Vertices", f"{found.vertices:,}"),
+            ("Last Update", f"{found.milliseconds:.0f} ms"),
+            ("Error Bound", f"{found.bound_px:.2f} px"),
+        ):
+            row = column.split(factor=0.4)
+            row.label(text=label)
+            row.label(text=value, translate=False)
+        column = layout.column(align=True)
+        column.label(text="Light Paths in Use")
+        for events in found.paths:
+            column.label(text=describe_path(events), icon="BLANK1", translate=False)
+
+
+class _Bake:
+    """Draws the bake."""
+
+    bl_label = "Bake"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        self.layout.use_property_split = True
+        self.layout.use_property_decorate = False
+        bake.draw(self.layout, context)
+
+
+class _Properties:
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
-    bl_context = "render"
 
 
-class VIEW3D_PT_refractive_glass(_Settings, bpy.types.Panel):
-    """In the 3D view's sidebar"""
-
-    bl_idname = "VIEW3D_PT_refractive_glass"
+class _Sidebar:
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Glass"
 
+
+class OBJECT_PT_refractive_glass(_Glass, _Properties, bpy.types.Panel):
+    """In the object properties"""
+
+    bl_idname = "OBJECT_PT_refractive_glass"
+    bl_context = "object"
+
+
+class MODIFIER_PT_refractive_glass(_Glass, _Properties, bpy.types.Panel):
+    """In the modifier properties"""
+
+    bl_idname = "MODIFIER_PT_refractive_glass"
+    bl_options = {"DEFAULT_CLOSED"}
+    bl_context = "modifier"
+
+
+class VIEW3D_PT_refractive_glass_object(_Glass, _Sidebar, bpy.types.Panel):
+    """In the 3D view's sidebar; where the active object is no glass, the ways to one"""
+
+    bl_idname = "VIEW3D_PT_refractive_glass_object"
+    bl_label = "Glass"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return not own(context.scene)
+
     def draw(self, context: bpy.types.Context) -> None:
-        super().draw(context)
-        self.layout.operator(
+        if _Glass.poll(context):
+            super().draw(context)
+            return
+        layout = self.layout
+        layout.menu(VIEW3D_MT_refractive_glass_add.bl_idname, text="Add Glass", icon="ADD")
+        layout.operator(
             OBJECT_OT_refractive_glass_modifier_add.bl_idname, text="Make Active a Glass"
         )
 
 
-CLASSES = (RENDER_PT_refractive_glass, VIEW3D_PT_refractive_glass)
+class RENDER_PT_refractive_glass(_Scene, _Properties, bpy.types.Panel):
+    """In the render properties"""
+
+    bl_idname = "RENDER_PT_refractive_glass"
+    bl_context = "render"
 
 
-def register() -> None:
-    """Register the panels."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+class RENDER_PT_refractive_glass_status(_Status, _Properties, bpy.types.Panel):
+    """In the render properties"""
+
+    bl_idname = "RENDER_PT_refractive_glass_status"
+    bl_parent_id = RENDER_PT_refractive_glass.bl_idname
+    bl_context = "render"
 
 
-def unregister() -> None:
-    """Undo :func:`register`."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+class RENDER_PT_refractive_glass_bake(_Bake, _Properties, bpy.types.Panel):
+    """In the render properties"""
+
+    bl_idname = "RENDER_PT_refractive_glass_bake"
+    bl_parent_id = RENDER_PT_refractive_glass.bl_idname
+    bl_context = "render"
+
+
+class VIEW3D_PT_refractive_glass(_Scene, _Sidebar, bpy.types.Panel):
+    """In the 3D view's sidebar"""
+
+    bl_idname = "VIEW3D_PT_refractive_glass"
+    bl_label = "Scene"
+    bl_options = set()
+
+
+class VIEW3D_PT_refractive_glass_status(_Status, _Sidebar, bpy.types.Panel):
+    """In the 3D view's sidebar"""
+
+    bl_idname = "VIEW3D_PT_refractive_glass_status"
+    bl_parent_id = VIEW3D_PT_refractive_glass.bl_idname
+
+
+class VIEW3D_PT_refractive_glass_bake(_Bake, _Sidebar, bpy.types.Panel):
+    """In the 3D view's sidebar"""
+
+    bl_idname = "VIEW3D_PT_refractive_glass_bake"
+    bl_parent_id = VIEW3D_PT_refractive_glass.bl_idname
+
+
+CLASSES = (
+    OBJECT_PT_refractive_glass,
+    MODIFIER_PT_refractive_glass,
+    RENDER_PT_refractive_glass,
+    RENDER_PT_refractive_glass_status,
+    RENDER_PT_refractive_glass_bake,
+    VIEW3D_PT_refractive_glass_object,
+    VIEW3D_PT_refractive_glass,
+    VIEW3D_PT_refractive_glass_status,
+    VIEW3D_PT_refractive_glass_bake,
+)
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

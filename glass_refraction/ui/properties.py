@@ -90,18 +90,16 @@ class SceneSettings(bpy.types.PropertyGroup):
     )
 
 
-CLASSES = (SceneSettings,)
+_register, _unregister = bpy.utils.register_classes_factory((SceneSettings,))
 
 
 def register() -> None:
-    """Register the classes and hang the settings on the scene."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    """Register the settings and hang them on the scene."""
+    _register()
     bpy.types.Scene.refractive_glass = bpy.props.PointerProperty(type=SceneSettings)
 
 
 def unregister() -> None:
     """Undo :func:`register`."""
     del bpy.types.Scene.refractive_glass
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister()

@@ -152,12 +152,10 @@ def test_slab_needs_one_flat_outline(name):
         vertices = [*square[:3], (0, 1, 0.5)]
     else:
         faces = []
-    mesh = bpy.data.meshes.new("Bad")
-    mesh.from_pydata(vertices, [], faces)
-    obj = bpy.data.objects.new("Bad", mesh)
-    bpy.context.scene.collection.objects.link(obj)
-    bpy.context.view_layer.objects.active = obj
-    bpy.ops.object.refractive_glass_modifier_add(shape="SLAB")
+    obj = scenes.glass(shape="SLAB")
+    obj.name = "Bad"
+    obj.data.clear_geometry()
+    obj.data.from_pydata(vertices, [], faces)
     with pytest.raises(RefractiveGlassError, match="Bad"):
         _read(obj)
 

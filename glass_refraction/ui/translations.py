@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Translations of labels, tooltips and messages, by language and context.
+
+Blender looks plain labels and tooltips up by itself. Another language is another entry of
+``MESSAGES``; what it leaves out stays English.
+"""
+
+from __future__ import annotations
+
+import bpy
+
+_LABEL, _OPERATOR = "*", "Operator"
+
+_GERMAN = {
+    _OPERATOR: {
+        "Add Refractive Glass": "Lichtbrechendes Glas hinzufügen",
+        "Make Refractive Glass": "Zu lichtbrechendem Glas machen",
+        "Make Active a Glass": "Aktives Objekt zu Glas machen",
+        "Refractive Glass": "Lichtbrechendes Glas",
+        "Update Refractive Glass": "Lichtbrechendes Glas aktualisieren",
+        "Compare with Cycles": "Mit Cycles vergleichen",
+        "Slab": "Platte",
+        "Cylinder": "Zylinder",
+        "Rod": "Stab",
+        "Sphere": "Kugel",
+        "Window Pane": "Fensterscheibe",
+        "Tumbler": "Trinkglas",
+        "Glass of Water": "Glas Wasser",
+        "Glass Rod": "Glasstab",
+        "Crystal Ball": "Glaskugel",
+        "Fish Bowl": "Goldfischglas",
+        "Aquarium Wall": "Aquariumwand",
+        "Add Refractive Glass Asset Library": "Asset-Bibliothek hinzufügen",
+        "Remove Refractive Glass Asset Library": "Asset-Bibliothek entfernen",
+    },
+    _LABEL: {
+        "Refractive Glass": "Lichtbrechendes Glas",
+        "Glass": "Glas",
+        "Add Glass": "Glas hinzufügen",
+        "Shape": "Form",
+        "Radius": "Radius",
+        "Wall Thickness": "Wandstärke",
+        "Height": "Höhe",
+        "Medium": "Medium",
+        "Contents": "Inhalt",
+        "Behind": "Dahinter",
+        "Seen Through": "Durch das Glas gesehen",
+        "The object's flat mesh is the outline": "Das flache Mesh des Objekts ist der Umriss",
+        "The modifier is off in renders: switch it on to see through the glass": "Der Modifikator "
+        "ist beim Rendern aus: einschalten, um durch das Glas zu sehen",
+        "Status": "Status",
+        "Nothing computed yet: press Update, or render": "Noch nichts berechnet: Aktualisieren "
+        "drücken oder rendern",
+        "Vertices": "Punkte",
+        "Last Update": "Letzte Aktualisierung",
+        "Error Bound": "Fehlerschranke",
+        "Light Paths in Use": "Verwendete Lichtpfade",
+        "refracted {} times": "{}-mal gebrochen",
+        "mirrored {} times": "{}-mal gespiegelt",
+        "Go to Object Mode first": "Zuerst in den Objektmodus wechseln",
+        "Select a mesh object: it becomes the glass": "Ein Mesh-Objekt auswählen: es wird zum Glas",
+        '"{}" is a refractive glass already': '"{}" ist bereits ein lichtbrechendes Glas',
+        '"{}" is linked from a library: make it local first': '"{}" ist aus einer Bibliothek '
+        "verknüpft: zuerst lokal machen",
+    },
+}
+
+MESSAGES = {
+    "de_DE": {
+        (context, english): german
+        for context, messages in _GERMAN.items()
+        for english, german in messages.items()
+    }
+}
+"""Language -> (context, English) -> translation, as ``bpy.app.translations`` takes it."""
+
+
+def register() -> None:
+    """Hand the translations to Blender."""
+    bpy.app.translations.register(__name__, MESSAGES)
+
+
+def unregister() -> None:
+    """Undo :func:`register`."""
+    bpy.app.translations.unregister(__name__)

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What panels and menus draw, recorded by a layout that draws nothing."""
+
+import bpy
+import pytest
+
+from glass_refraction.scene import update as door
+from glass_refraction.scene.glasses import glass_modifier
+from glass_refraction.scene.modifier_inputs import write_input
+from glass_refraction.ui import menus, panels, presets
+
+
+class _Layout:
+    """Takes every call of a ``UILayout``; a property or operator that is not there raises."""
+
+    def __init__(self, drawn=None):
+        self.__dict__["drawn"] = [] if drawn is None else drawn
+
+    def __setattr__(self, name, value):
+        assert name in bpy.types.UILayout.bl_rna.properties, name
+
+    def _inner(self, *_, **__):
+        return _Layout(self.drawn)
+
+    row = column = split = box = _inner
+
+    def separator(self):
+        self.drawn.append("---")
+
+    def label(self, text="", **_):
+        self.drawn.append(text)
+
+    def menu(self, name, **_):
+        assert hasattr(bpy.types, name)
+        self.drawn.append(name)
+
+    def prop(self, owner, name, text=None, **_):
+        owner.path_resolve(name)
+        self.drawn.append(name if text is None else text)
+
+    def prop_search(self, owner, name, data, collection, text=None, **_):
+        owner.path_resolve(name)
+        assert hasattr(data, collection)
+        self.drawn.append(name if text is None else text)
+
+    def operator(self, name, text=None, **_):
+        group, _, function = name.partition(".")
+        kind = getattr(getattr(bpy.ops, group), function).get_rna_type()
+        self.drawn.append(kind.name if text is None else text)
+        return _Operator(kind)
+
+
+class _Operator:
+    def __init__(self, kind):
+        self.__dict__["_kind"] = kind
+
+    def __setattr__(self, name, value):
+        assert name in self._kind.properties, name
+
+
+def _drawn(panel, draw="draw"):
+    shown = _Layout()
+
+    class _Panel:
+        layout = shown
+
+    mixins = [c for c in panel.__mro__ if c.__module__ == panels.__name__]
+    stand_in = type("_StandIn", (_Panel, *(c for c in mixins if c is not panel)), {})()
+    function = getattr(panel, draw)
+    function(stand_in, bpy.context)
+    return shown.drawn
+
+
+def _glass(**values):
+    bpy.ops.object.refractive_glass_add(**values)
+    return bpy.context.object
+
+
+@pytest.mark.parametrize(
+    ("shape", "there", "missing"),
+    [
+        ("SLAB", {"Wall Thickness", "Behind"}, {"Radius", "Height"}),
+        ("CYLINDER", {"Radius", "Wall Thickness", "Height", "Contents"}, set()),
+        ("ROD", {"Radius", "Height"}, {"Wall Thickness", "Contents"}),
+        ("SPHERE", {"Radius", "Wall Thickness", "Contents"}, {"Height"}),
+    ],
+)
+def test_a_glass_shows_what_its_shape_uses(shape, there, missing):
+    _glass(shape=shape)
+    assert panels.OBJECT_PT_refractive_glass.poll(bpy.context)
+    drawn = set(_drawn(panels.OBJECT_PT_refractive_glass))
+    assert there | {"Shape", "IOR", "Seen Through", "Material", "Segments"} <= drawn
+    assert not missing & drawn
+
+
+def test_every_input_of_the_modifier_is_drawn_for_some_shape():
+    drawn = set()
+    for shape in ("SLAB", "CYLINDER", "ROD", "SPHERE"):
+        obj = _glass(shape=shape)
+        drawn |= set(_drawn(panels.OBJECT_PT_refractive_glass))
+    for item in glass_modifier(obj).node_group.interface.items_tree:
+        if item.item_type == "SOCKET" and item.in_out == "INPUT" and not item.hide_in_modifier:
+            # The contents' index of refraction stands under the contents.
+            name = "Contents" if item.name == "Contents IOR" else item.name
+            assert name in drawn or item.socket_type == "NodeSocketGeometry"
+
+
+def test_no_glass_no_glass_panel():
+    bpy.ops.mesh.primitive_cube_add()
+    assert not panels.OBJECT_PT_refractive_glass.poll(bpy.context)
+    assert "Make Active a Glass" in _drawn(panels.VIEW3D_PT_refractive_glass_object)
+
+
+def test_problems_are_shown_where_they_belong():
+    obj = _glass()
+    obj.name = "My Cup"
+    write_input(glass_modifier(obj), "IOR", -1.0)
+    scene = bpy.context.scene
+    line = 'Glass "My Cup": the ior must be positive'
+    door.status(scene).problems = [line, "another"]
+    assert line in " ".join(_drawn(panels.OBJECT_PT_refractive_glass))
+    assert "another" not in _drawn(panels.OBJECT_PT_refractive_glass)
+    assert {"another"} <= set(_drawn(panels.RENDER_PT_refractive_glass))
+
+
+def test_a_modifier_that_is_off_is_told():
+    glass_modifier(_glass()).show_render = False
+    assert "off in renders" in " ".join(_drawn(panels.OBJECT_PT_refractive_glass))
+
+
+def test_status_says_what_the_last_update_did():
+    door.status(bpy.context.scene).paths = ("TTTT", "TRT")
+    drawn = " ".join(_drawn(panels.RENDER_PT_refractive_glass_status))
+    for word in ("Vertices", "ms", "px", "TTTT: refracted 4 times", "TRT", "mirrored 1 times"):
+        assert word in drawn
+
+
+def test_own_scenes_show_no_panels():
+    bpy.context.scene["refractive_glass"] = "lookup"
+    assert not panels.RENDER_PT_refractive_glass.poll(bpy.context)
+    assert not panels.VIEW3D_PT_refractive_glass_object.poll(bpy.context)
+    del bpy.context.scene["refractive_glass"]
+
+
+def test_the_menu_offers_shapes_and_presets():
+    shown = _Layout()
+    menus.VIEW3D_MT_refractive_glass_add.draw(type("_", (), {"layout": shown})(), bpy.context)
+    assert {"Slab", "Cylinder", "Rod", "Sphere"} <= set(shown.drawn)
+    assert {preset.label for preset in presets.PRESETS} <= set(shown.drawn)
