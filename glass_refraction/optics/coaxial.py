@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from .glasses import CylinderGlass, SphereGlass
 from .images import View
 from .paths import Branch, ParallelView
+from .tracing import advance, meet, start, trace
 
 Floats = NDArray[np.float64]
 
@@ -255,7 +256,7 @@ class CoaxialPassage:
     ) -> None:
         frame = frame_of(glass, eye)
         media = glass.media
-        self.extent = getattr(glass, "extent", None)
+        self.glass, self.extent = glass, getattr(glass, "extent", None)
         radii = [radius / frame.scale for radius in glass.radius]
         self.frame = frame
         self.media, self.radii = media, radii
@@ -785,7 +786,7 @@ class CoaxialPassage:
         else:
             self._write_perspective(ell, zeta, length, residual, points, view)
         if miss <= SHARP:
-            self._resolved(ell, zeta, targets, length, passes)
+            self._resolved(ell, zeta, targets, length, passes, points, view)
         valid = self.taken(ell, zeta, sure=miss <= SHARP) & passes
         if self.extent is not None:
             start = 0.0 if frame.eye is None else float(frame.eye[2])
@@ -794,11 +795,12 @@ class CoaxialPassage:
                 valid &= (level >= low) & (level <= high)
         return passes, valid
 
-    def _resolved(self, ell, zeta, targets, length, passes) -> None:
+    def _resolved(self, ell, zeta, targets, length, passes, points, view) -> None:
         """Unset `passes` where float64 cannot tell a direction that meets the target.
 
         Near the edge of the domain the line turns by ∂ψ/∂ℓ ~ 1/w: there the last digit of the
-        direction at the eye moves the far end of the ray by more than `RESOLVED`.
+        direction at the eye moves the far end of the ray. Up to `RESOLVED` that is no matter, and
+        up to `DOUBTFUL` following the ray itself decides.
         """
         upper2, _ = self.upper_limit(zeta * zeta)
         close = np.flatnonzero(passes & (upper2 - ell * ell < 1e-9 * upper2))
@@ -811,7 +813,26 @@ class CoaxialPassage:
         reach = np.maximum(length[close], 1e-3)
         if self.frame.eye_radius is None:
             reach = 1.0
-        passes[close] = slope * digit <= RESOLVED * reach
+        moved = slope * digit / reach
+        passes[close] = moved <= RESOLVED
+        if self.frame.eye is not None:
+            doubtful = close[(moved > RESOLVED) & (moved <= DOUBTFUL)]
+            passes[doubtful] = self._traced(doubtful, points, length, view)
+
+    def _traced(self, which, points, length, view) -> NDArray[np.bool_]:
+        """Whether the rays written for some points take the path and pass them, traced forward."""
+        directions = view.directions(which)
+        eye = self.frame.eye * self.frame.scale
+        good = trace(self.glass, eye, directions, self.branch.events).valid
+        taken = np.flatnonzero(good)
+        rays, _ = start(self.glass, eye, directions[taken])
+        for event in self.branch.events[: self.number]:
+            rays, _ = advance(self.glass, rays, meet(self.glass, rays), event)
+        towards = points[which[taken]] - rays.origin
+        towards -= np.sum(towards * rays.direction, axis=1)[:, None] * rays.direction
+        miss = np.sqrt(np.sum(towards * towards, axis=1))
+        good[taken] = miss <= RESOLVED * length[which[taken]] * self.frame.scale
+        return good
 
     def _basis(self, points):
         """Components of the frame's x and y axes: numbers, or (N,) arrays for spheres."""
@@ -887,6 +908,9 @@ SHARP = 1e-8
 RESOLVED = 1e-10
 """Angle in radians, below 1e-6 px at a focal length of 2400 px, that the last digit of a direction
 may move the point it meets."""
+
+DOUBTFUL = 8e-10
+"""The same, up to which most such directions still meet their point, by less than `RESOLVED`."""
 
 ROUNDING = 3e-16
 """What rounding does to the components of a direction."""

@@ -104,6 +104,12 @@ class View:
             return tuple([vector[self.where, axis] for axis in range(3)] for vector in vectors)
         return tuple([np.empty(len(self.where)) for _ in range(3)] for _ in vectors)
 
+    def directions(self, which) -> Floats:
+        """Directions (K, 3) that were written for some of the points."""
+        if isinstance(self.where, slice):
+            return self.slot.direction[self.where][which]
+        return self.slot.direction[self.where[which]]
+
     def write(self, direction, distance, position, residual) -> None:
         """Components of vectors as separate arrays (or numbers), in `room` or elsewhere."""
         slot, where = self.slot, self.where

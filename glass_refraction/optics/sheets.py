@@ -295,7 +295,7 @@ class Curves:
         last = len(taus) - 1
         few = np.unique(np.linspace(0, last, max(2, last // 3 + 1)).round().astype(np.intp))
         rest = np.setdiff1d(np.arange(last + 1), few)
-        known = self.climb(taus[few, None], self.start(taus[few, None]), NEAR, 30)
+        known = self.climb(taus[few, None], self.start(taus[few, None]), 3e-3, 30)
         tangent = np.empty((last + 1, len(self.radius)))
         tangent[few] = known
         for row in rest:
@@ -307,13 +307,17 @@ class Curves:
             tangent[row] = between
         np.clip(tangent, 0.0, STEEP, out=tangent)
         tau = np.broadcast_to(taus[:, None], tangent.shape)
-        tangent, turn, slope, near = self._corrected(tau, tangent)
-        far = np.flatnonzero(~near)
-        if len(far):
+        tangent, turn, slope, off = self._corrected(tau, tangent)
+        for steps in (0, 30):
+            # Once more for those that are not near, and at last as long as it takes.
+            far = np.flatnonzero(off > NEAR)
+            if not len(far):
+                break
             place, curves = tau.ravel()[far], self.take(far % len(self.radius))
-            climbed = curves.climb(place, tangent.ravel()[far], NEAR, 30)
-            climbed, turned, sloped, _ = curves._corrected(place, climbed)
-            for whole, part in ((tangent, climbed), (turn, turned), (slope, sloped)):
+            climbed = curves.climb(place, tangent.ravel()[far], NEAR, steps)
+            for whole, part in zip(
+                (tangent, turn, slope, off), curves._corrected(place, climbed), strict=True
+            ):
                 whole.ravel()[far] = part
         # The edge tells which targets have an image at all.
         tangent[-1], state = self.climbed(taus[-1:], tangent[-1], 1e-9, 30)
@@ -321,17 +325,18 @@ class Curves:
         return tangent, turn, slope
 
     def _corrected(self, tau: Floats, tangent: Floats) -> tuple[Floats, ...]:
-        """Tangent, F and slope with what is left of the way to the target's height, to first
-        order, and where that is little."""
+        """Tangent and F after what is left of the way to the target's height, to first order;
+        the slope before it, and that way in parts of the tangent."""
         state = self.state(tau, tangent)
         square = 1.0 + tangent * tangent
         gain = np.where(np.abs(state.height_zeta) > FLOOR, state.height_zeta, FLOOR)
         fall = (state.height - self.height) / gain
         move = fall * (square * np.sqrt(square)) / self.zeta_max
-        near = np.abs(move) <= NEAR * (1.0 + tangent)
-        tangent = np.where(near, np.maximum(tangent - move, 0.0), tangent)
-        turn = np.where(near, state.turn - state.turn_zeta * fall, state.turn)
-        return tangent, turn, np.array(state.slope(True)), near
+        off = np.abs(move) / (1.0 + tangent)
+        some = off <= FIRST_ORDER
+        tangent = np.where(some, np.maximum(tangent - move, 0.0), tangent)
+        turn = np.where(some, state.turn - state.turn_zeta * fall, state.turn)
+        return tangent, turn, np.array(state.slope(True)), off
 
 
 def _plus(total: Floats | None, part: Floats) -> Floats:
@@ -525,6 +530,10 @@ class Leg:
         self.tau_low, self.tau_high = tau[part], tau[part + 1]
         self.turn_low, self.turn_high = turn[part], turn[part + 1]
         self.tangent_low = tangent[part]
+        # Where the next part goes on, the bracket may reach into it a little: F at the ends of
+        # cells is known to first order only. Not over a turning place, nor out of the domain.
+        self.room_low = np.where(turned[part] | (tau[part] == 0.0), 0.0, SLACK)
+        self.room_high = np.where(turned[part + 1] | (tau[part + 1] == EDGE), 0.0, SLACK)
         count = len(self.curves.radius)
         self.rising_first = rising[begins]
         self.last_piece = np.bincount(index[turned], minlength=count)
@@ -652,11 +661,13 @@ class Leg:
     def _solve(self, which, wanted):
         """Newton's steps in τ and ζ together, held in the bracket of a monotone part."""
         curves = self.curves.take(self.index[which])
-        low, high = self.tau_low[which].copy(), self.tau_high[which].copy()
+        low = self.tau_low[which] - self.room_low[which]
+        high = self.tau_high[which] + self.room_high[which]
         first, last = self.turn_low[which], self.turn_high[which]
         rising = last > first
         share = (wanted - first) / np.where(last == first, 1.0, last - first)
-        tau = low + np.clip(share, 0.0, 1.0) * (high - low)
+        tau = self.tau_low[which]
+        tau = tau + np.clip(share, 0.0, 1.0) * (self.tau_high[which] - tau)
         tangent = self.tangent_low[which].copy()
         index = np.arange(len(tau))
         result_tau, result_tangent = tau.copy(), tangent.copy()
@@ -757,8 +768,14 @@ NEAR_EDGE = np.array([0.3, 0.1, 0.03, 0.01, 0.003])
 ROUNDING = 1e-32
 """Floor of sin²((π/2 − τ)/2): the edge of the domain to float64."""
 
-NEAR = 3e-3
-"""Relative step of the tilt after which one more, to first order, will do for a bracket."""
+SLACK = 1e-4
+"""Overlap of brackets in τ."""
+
+FIRST_ORDER = 0.1
+"""Step of the tilt, in parts of it, that is worth taking."""
+
+NEAR = 1e-5
+"""Step of the tilt, in parts of it, after which nothing more is needed for a bracket."""
 
 SETTLED = 1e-9
 """Step in τ and tilt that Newton's next one would not change."""
