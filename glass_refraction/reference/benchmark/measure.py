@@ -15,17 +15,23 @@ import numpy as np
 
 
 def timings(
-    candidates: Mapping[str, Callable[[], object]], repeats: int
+    candidates: Mapping[str, Callable[[], object]],
+    repeats: int,
+    judge: Callable[[str, object], None] = lambda name, result: None,
 ) -> dict[str, dict[str, float]]:
     """Seconds that each candidate takes, in turns, so that a slow spell of the machine hits all.
+
+    Parameters
+    ----------
+    judge : takes each candidate's name and result, once, out of the time.
 
     Returns
     -------
     dict : name -> as :func:`spread`. A first turn of each is not counted.
     """
     samples: dict[str, list[float]] = {name: [] for name in candidates}
-    for candidate in candidates.values():
-        candidate()
+    for name, candidate in candidates.items():
+        judge(name, candidate())
     for _ in range(repeats):
         for name, candidate in candidates.items():
             samples[name].append(seconds(candidate))

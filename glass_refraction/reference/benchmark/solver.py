@@ -109,31 +109,38 @@ def _case(settings: Settings, place: int, case: Case) -> dict:
             case.glass, case.path, eye, points, tolerance=tolerance, guess=guess
         )
 
-    candidates = {}
+    candidates, figures = {}, {}
     for tolerance in tolerances:
-        candidates[f"cold {tolerance:g}"] = lambda t=tolerance: solve(t)
-        candidates[f"warm {tolerance:g}"] = lambda t=tolerance: solve(t, before[t])
-    times = timings(candidates, settings.pick(1, 2, 5))
-    rows = []
-    for tolerance in tolerances:
-        row = {
+        for start, guess in (("cold", None), ("warm", before[tolerance])):
+            candidates[f"{start} {tolerance:g}"] = lambda t=tolerance, g=guess: solve(t, g)
+
+    def judge(name, found):
+        errors, different = direction_errors(found, true)
+        if name.endswith(f" {LISTED[-1]:g}"):
+            # The reference itself: only the trace can tell.
+            errors = check(case.glass, case.path, eye, points, found).errors_px
+        figures[name] = {
+            "steps": found.iterations,
+            "different_images": different,
+            **summary(errors),
+        }
+
+    times = timings(candidates, settings.pick(1, 2, 3), judge)
+    rows = [
+        {
             "tolerance": tolerance,
             "tolerance_px": FOCAL_PX * tolerance,
             "listed": tolerance in LISTED,
+            **{
+                start: {
+                    "seconds": times[f"{start} {tolerance:g}"],
+                    **figures[f"{start} {tolerance:g}"],
+                }
+                for start in ("cold", "warm")
+            },
         }
-        for start, guess in (("cold", None), ("warm", before[tolerance])):
-            found = solve(tolerance, guess)
-            errors, different = direction_errors(found, true)
-            if tolerance == LISTED[-1]:
-                # The reference itself: only the trace can tell.
-                errors = check(case.glass, case.path, eye, points, found).errors_px
-            row[start] = {
-                "seconds": times[f"{start} {tolerance:g}"],
-                "steps": found.iterations,
-                "different_images": different,
-                **summary(errors),
-            }
-        rows.append(row)
+        for tolerance in tolerances
+    ]
     return {
         "name": case.name,
         "points": count,
@@ -211,23 +218,21 @@ def _rivals(settings: Settings, case: Case, points, candidates) -> list[dict]:
         name = f"{FOCAL_PX * tolerance:.2g} px asked for"
         candidates[f"ours, {name}"] = lambda t=tolerance: ours(t, None)
         candidates[f"ours from the last frame, {name}"] = lambda t=tolerance: ours(t, before)
-    times = timings(candidates, settings.pick(1, 2, 5))
-    rows = []
-    for name, candidate in candidates.items():
-        towards = candidate().astype(float) - eye
+    figures = {}
+
+    def judge(name, positions):
+        towards = positions.astype(float) - eye
         towards /= np.linalg.norm(towards, axis=1, keepdims=True)
         shown = true.valid[slot]
         errors = angles_px(towards[shown], true.direction[slot, shown])
-        rows.append(
-            {
-                "name": name,
-                "seconds": times[name],
-                "off_share": float((errors > 0.05).mean()),
-                "median_px": float(np.median(errors)),
-                **summary(errors),
-            }
-        )
-    return rows
+        figures[name] = {
+            "off_share": float((errors > 0.05).mean()),
+            "median_px": float(np.median(errors)),
+            **summary(errors),
+        }
+
+    times = timings(candidates, settings.pick(1, 2, 3), judge)
+    return [{"name": name, "seconds": times[name], **figures[name]} for name in candidates]
 
 
 def _ratios(settings: Settings) -> dict:
@@ -260,20 +265,24 @@ def _ratios(settings: Settings) -> dict:
         "ten points": lambda: optics.apparent_points(HOLLOW, case.path, eye, few),
     }
     candidates |= {name: lambda a=arguments: solve(*a) for name, arguments in solved.items()}
-    times = timings(candidates, settings.pick(1, 5, 15))
     true = solve(1e-9)
-    rows = []
-    for name, arguments in solved.items():
-        errors, _ = direction_errors(solve(*arguments), true)
-        rows.append(
-            {
-                "name": name,
-                "seconds": times[name],
-                "of_plain": ratio(times[name], times["plain"]),
-                "target": TARGETS.get(name),
-                **summary(errors),
-            }
-        )
+    errors = {}
+
+    def judge(name, found):
+        if name in solved:
+            errors[name] = summary(direction_errors(found, true)[0])
+
+    times = timings(candidates, settings.pick(1, 5, 11), judge)
+    rows = [
+        {
+            "name": name,
+            "seconds": times[name],
+            "of_plain": ratio(times[name], times["plain"]),
+            "target": TARGETS.get(name),
+            **errors[name],
+        }
+        for name in solved
+    ]
     return {
         "points": count,
         "plain": times["plain"],
