@@ -17,7 +17,8 @@ class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
 
     bl_idname = "scene.refractive_glass_bake"
     bl_label = "Bake Refractive Glass"
-    bl_options = {"REGISTER", "UNDO"}
+    # Not REGISTER: its panel would bake again whenever a value in it is touched.
+    bl_options = {"UNDO"}
 
     directory: bpy.props.StringProperty(
         name="Folder",
@@ -134,7 +135,7 @@ class SCENE_OT_refractive_glass_bake_free(bpy.types.Operator):
 
     bl_idname = "scene.refractive_glass_bake_free"
     bl_label = "Free Baked Refractive Glass"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
