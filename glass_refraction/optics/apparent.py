@@ -124,24 +124,33 @@ def _passage(glass: Glass, eye: tuple | ParallelView, branch: Branch, stretch: i
 
 def _gather(slots, finite, eye, last, iterations):
     """One record of all slots; at least one slot, so that row 0 always exists."""
-    count = len(finite)
     if not slots:
         slots = [Slot.blank((last, (), *MAIN), int(finite.sum()), eye)]
-    whole = finite.all()
-    if whole and len(slots) == 1:
+    sheets = tuple(slot.sheet for slot in slots)
+    if finite.all() and len(slots) == 1:
         columns = [column[None] for column in slots[0].columns()]
     else:
-        columns = []
-        for number, blank in enumerate(Slot.blank((), count, eye).columns()):
-            column = np.empty((len(slots), *blank.shape), dtype=blank.dtype)
-            for row, slot in enumerate(slots):
-                if not whole:
-                    column[row] = blank
-                column[row, finite] = slot.columns()[number]
-            columns.append(column)
-    sheets = tuple(slot.sheet for slot in slots)
+        columns = _stacked(slots, finite, eye)
     stretch = np.array([sheet[0] for sheet in sheets], dtype=np.intp)
     return ApparentPoints(*columns, stretch, iterations, sheets)
+
+
+def _stacked(slots, finite, eye) -> tuple:
+    """All slots, emptied one by one, with blank places for points that are not finite."""
+    numbers = np.empty((len(slots), 8, len(finite)))
+    valid = np.zeros((len(slots), len(finite)), dtype=bool)
+    vectors = numbers[:, :3].transpose(0, 2, 1), numbers[:, 3:6].transpose(0, 2, 1)
+    columns = vectors[0], numbers[:, 6], vectors[1], valid, numbers[:, 7]
+    whole, blank = finite.all(), Slot.blank((), 1, eye)
+    for row in range(len(slots)):
+        slot, slots[row] = slots[row], None
+        for column, part, nothing in zip(columns, slot.columns(), blank.columns(), strict=True):
+            if whole:
+                column[row] = part
+            else:
+                column[row] = nothing
+                column[row, finite] = part
+    return columns
 
 
 MAIN = (1, 0, 0, 0)

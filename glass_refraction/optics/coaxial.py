@@ -310,7 +310,7 @@ class CoaxialPassage:
         )
         # Metres within which squares of coordinates keep in float32.
         self.widest = 1e15 * frame.scale
-        self.guessable = frame.eye is not None and not frame.spherical
+        self.guessable = frame.eye is not None
 
     # ---- limits -------------------------------------------------------------------------
 
@@ -541,6 +541,11 @@ class CoaxialPassage:
         Components must lie between −1 and 1, or thereabouts.
         """
         frame, kind = self.frame, x.dtype.type
+        if frame.spherical:
+            along = sum(direction[:, axis] * part for axis, part in enumerate(frame.axes[0]))
+            ell = np.sqrt(np.maximum(1.0 - along * along, 0.0))
+            ell *= self.eye_ior * frame.eye_radius
+            return ell.astype(kind), np.zeros(len(ell), dtype=kind)
         cosine, sine = (
             kind(part * self.eye_ior * frame.eye_radius) for part in frame.axes[0, :2].tolist()
         )

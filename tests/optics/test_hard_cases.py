@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from rays import false_images, seen_points, segments
+from rays import false_images, missing_images, seen_points, segments
 
 from glass_refraction import optics
 
@@ -11,6 +11,7 @@ PIXEL = 1.0 / 2400.0
 HOLLOW = optics.CylinderGlass((0.04, 0.037), (1.5, 1.0))
 FILLED = optics.CylinderGlass((0.04, 0.037), (1.5, 1.333))
 BALL = optics.SphereGlass((0.04,), (1.5,))
+BUBBLE = optics.SphereGlass((0.04, 0.037), (1.5, 1.0))
 SLAB = optics.FlatGlass((0.01,), (1.5,))
 EYE = np.array([0.5, 0.02, 0.1])
 
@@ -216,7 +217,7 @@ def test_float32_lists_and_other_inputs():
 
 
 @pytest.mark.parametrize("tolerance", [1e-9, 4e-7, 2e-5])
-@pytest.mark.parametrize("glass", [HOLLOW, FILLED, BALL])
+@pytest.mark.parametrize("glass", [HOLLOW, FILLED, BALL, BUBBLE])
 def test_guesses_change_nothing(glass, tolerance):
     path = "TT" if glass is BALL else "TTTT"
     points = cloud(3000)
@@ -324,3 +325,37 @@ def test_rays_that_graze_an_interface(path):
                 assert (miss <= 4e-10 * apparent.distance[slot, seen]).all()
                 shown += len(seen)
     assert shown > 100
+
+
+@pytest.mark.parametrize("shape", [optics.CylinderGlass, optics.SphereGlass])
+@pytest.mark.parametrize("path", ["TTTT", "TRT", "TTRTT"])
+def test_images_within_a_ten_thousandth_of_grazing_are_reported(shape, path):
+    """Cosines from 1e-5 to 1e-4 at an interface: nearly every known image is shown, and what is
+    shown passes its point."""
+    rng = np.random.default_rng([5, len(path)])
+    known = lost = 0
+    for wall, core, inner, far in ((1.5, 1.0, 0.925, 12.0), (1.9, 1.333, 0.8, 40.0)):
+        glass = shape((1.0, inner), (wall, core))
+        eye = np.array([far, 0.0, 0.0])
+        grazing = 10.0 ** rng.uniform(-5.0, -4.0, 150)
+        limits = np.array([1.0, inner * core, inner * wall])
+        impact = rng.choice(limits, 150) * rng.choice([-1.0, 1.0], 150)
+        impact *= np.sqrt(1.0 + rng.choice([-1.0, 1.0], 150) * grazing**2)
+        sine = impact / far
+        aims = np.stack([-np.sqrt(1.0 - sine**2), sine, np.zeros(150)], axis=1)
+        for stretch in range(1, len(path) + 1):
+            points, seen = seen_points(rng, glass, eye, aims, path, stretch)
+            if not len(points):
+                continue
+            apparent = optics.apparent_points(glass, path, eye, points)
+            known += len(points)
+            lost += missing_images(seen, stretch, apparent)
+            for slot, at in enumerate(apparent.stretch):
+                shown = np.flatnonzero(apparent.valid[slot])
+                taken, pieces = segments(glass, eye, apparent.direction[slot, shown], path)
+                assert len(taken) == len(shown)
+                origin, direction, *_ = pieces[at]
+                miss = np.linalg.norm(np.cross(points[shown] - origin, direction), axis=1)
+                assert (miss <= 4e-10 * apparent.distance[slot, shown]).all()
+    assert known > 100
+    assert lost <= 0.005 * known
