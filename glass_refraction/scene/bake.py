@@ -39,14 +39,17 @@ from .layers import Layers, find_layers
 from .names import RefractiveGlassError
 from .viewpoint import render_size
 
+Receiver = Callable[[bpy.types.Depsgraph, Callable], None]
+"""Takes an evaluated depsgraph, and a function that evaluates it at another (frame, sub-frame)."""
+
 
 class _DepsgraphEngine(bpy.types.RenderEngine):
-    """Draws nothing; gives each depsgraph that a render evaluates to a function."""
+    """Draws nothing; gives each depsgraph that a render evaluates to the receiver."""
 
     bl_idname = "REFRACTIVE_GLASS_BAKE"
     bl_label = "Refractive Glass Bake"
 
-    receiver: Callable[[bpy.types.Depsgraph], None] | None = None
+    receiver: Receiver | None = None
     error: Exception | None = None
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
@@ -54,7 +57,7 @@ class _DepsgraphEngine(bpy.types.RenderEngine):
         if cls.receiver is None or cls.error is not None:
             return
         try:
-            cls.receiver(depsgraph)
+            cls.receiver(depsgraph, self.frame_set)
         except Exception as error:  # raised again outside: Blender would only print it
             cls.error = error
 
@@ -69,11 +72,7 @@ def _engine() -> Iterator[None]:
         bpy.utils.unregister_class(_DepsgraphEngine)
 
 
-def _evaluate(
-    scene: bpy.types.Scene,
-    receiver: Callable[[bpy.types.Depsgraph], None],
-    view_layer: str = "",
-) -> None:
+def _evaluate(scene: bpy.types.Scene, receiver: Receiver, view_layer: str = "") -> None:
     """Call ``receiver`` with the depsgraph of each rendered view layer (or the one named).
 
     The scene's own engine is set again by then: much depends on it.
@@ -85,9 +84,9 @@ def _evaluate(
     }
     before = {name: getattr(scene.render, name) for name in off}
 
-    def receive(depsgraph: bpy.types.Depsgraph) -> None:
+    def receive(depsgraph: bpy.types.Depsgraph, frame_set: Callable) -> None:
         scene.render.engine = before["engine"]
-        receiver(depsgraph)
+        receiver(depsgraph, frame_set)
 
     _DepsgraphEngine.receiver, _DepsgraphEngine.error = receive, None
     try:
@@ -167,6 +166,7 @@ class Baking:
             name: ImageWriter(self.folder, name) for name in bakeable_images(scene, self._layers)
         }
         self._samples: dict[int, dict[str, int]] = {}
+        self._moments: dict[int, list[float]] = {}
         self._fits = self._old_fits()
         under_way.add(scene.session_uid)
 
@@ -189,12 +189,15 @@ class Baking:
     def step(self) -> None:
         """Solve one frame and write it."""
         frame, scene, layers = self.frame, self.scene, self._layers
+        times = _moments(scene, frame)
         scene.frame_set(frame)
         layer = next((v for v in scene.view_layers if v.use), scene.view_layers[0])
         problems = door.status(scene).problems
         with _engine():
             _evaluate(scene, self._solve, layer.name)
             self._evaluate_own(frame, self._write_geometry)
+            if times:
+                self._moments[frame] = times
         for problem in door.status(scene).problems:
             if problem not in problems:
                 self.problems.append(f"From frame {frame}: {problem}")
@@ -227,6 +230,12 @@ class Baking:
             shading=door.effective_shading(scene),
             border=_union(old.border, self._border) if old is not None else self._border,
             samples=(old.samples if old is not None else {}) | self._samples,
+            moments={
+                f: times
+                for f, times in (old.moments if old is not None else {}).items()
+                if f not in self.frames
+            }
+            | self._moments,
             objects=sorted(self._objects),
             images=sorted(self._images),
         )
@@ -298,37 +307,56 @@ class Baking:
             and old.shading == door.effective_shading(self.scene)
         )
 
-    def _solve(self, depsgraph: bpy.types.Depsgraph) -> None:
-        under_way.discard(self.scene.session_uid)
+    def _solve(self, depsgraph: bpy.types.Depsgraph, frame_set: Callable) -> None:
+        """Solve the frame, and where its copies are at the moments round it."""
+        scene, frame = self.scene, self.frame
+        under_way.discard(scene.session_uid)
         try:
-            door.update(self.scene, depsgraph)
+            door.update(scene, depsgraph)
+            for time in _moments(scene, frame):
+                # The handler of frame changes hands it on.
+                frame_set(int(time // 1), time % 1)
         finally:
-            under_way.add(self.scene.session_uid)
+            under_way.add(scene.session_uid)
 
-    def _evaluate_own(self, frame: int, receiver) -> None:
-        """Evaluate the own scenes at the frame; ``receiver(name, evaluated)`` gets each object."""
+    def _evaluate_own(
+        self, frame: int, receiver: Callable[[float, str, bpy.types.Mesh], None]
+    ) -> None:
+        """Evaluate the own scenes at the frame and, where motion is blurred, at its moments.
+
+        ``receiver(time, name, evaluated mesh)`` gets each object that is baked, once a time.
+        """
         names = {obj.session_uid: name for name, obj in bakeable_objects(self._layers).items()}
+        seen: set[tuple[float, str]] = set()
 
-        def receive(depsgraph) -> None:
-            for evaluated in depsgraph.objects:
-                name = names.pop(evaluated.original.session_uid, None)
-                if name is not None:
-                    receiver(frame, name, evaluated.data)
+        def receive(depsgraph: bpy.types.Depsgraph, frame_set: Callable) -> None:
+            scene = depsgraph.scene
+            blurred = scene.render.use_motion_blur
+            # The frame itself comes last, so that all stands there afterwards.
+            for time in (*_moments(self.scene, frame), frame) if blurred else (frame,):
+                if time != frame:
+                    frame_set(int(time // 1), time % 1)
+                elif blurred:
+                    frame_set(frame, 0.0)
+                for evaluated in depsgraph.objects:
+                    name = names.get(evaluated.original.session_uid)
+                    if name is not None and (time, name) not in seen:
+                        seen.add((time, name))
+                        receiver(time, name, evaluated.data)
 
-        for own_scene in self._layers.all():
-            if any(v.use for v in own_scene.view_layers):
-                own_scene.frame_current = frame
-                _evaluate(own_scene, receive)
+        for own_scene in self._layers.rendered():
+            own_scene.frame_current = frame
+            _evaluate(own_scene, receive)
 
-    def _write_geometry(self, frame: int, name: str, mesh: bpy.types.Mesh) -> None:
-        self._objects[name].write(frame, mesh)
+    def _write_geometry(self, time: float, name: str, mesh: bpy.types.Mesh) -> None:
+        self._objects[name].write(time, mesh)
         self._shapes[name] = _shape(mesh)
 
     def _misread(self) -> list[str]:
         """Objects whose last frame comes back from the files other than it was written."""
         wrong: list[str] = []
 
-        def check(_frame: int, name: str, mesh: bpy.types.Mesh) -> None:
+        def check(_time: float, name: str, mesh: bpy.types.Mesh) -> None:
             if _shape(mesh) != self._shapes[name]:
                 wrong.append(name)
 
@@ -364,6 +392,17 @@ def free(scene: bpy.types.Scene) -> Path | None:
 
 def _file() -> str:
     return bpy.path.basename(bpy.data.filepath)
+
+
+def _moments(scene: bpy.types.Scene, frame: int) -> list[float]:
+    """The times beside the frame at which renderers look when they blur its motion."""
+    render = scene.render
+    if not render.use_motion_blur:
+        return []
+    shutter = render.motion_blur_shutter
+    start = {"START": 0.0, "CENTER": -0.5, "END": -1.0}[render.motion_blur_position] * shutter
+    times = {frame + start + part * shutter for part in (0.0, 0.5, 1.0)}
+    return sorted(time for time in times if time >= 0 and time != frame)
 
 
 def _directory(scene: bpy.types.Scene, directory: str) -> str:

@@ -36,7 +36,7 @@ GEOMETRY, IMAGES = "geometry", "images"
 
 _FORMAT = 3
 _NEW = "new"
-_META_NAME = re.compile(r"(\d{5,})_00000\.json")
+_META_NAME = re.compile(r"\d{5,}_\d{5}\.json")
 
 # Attribute kind -> (property, components, type to read, type to store).
 _KINDS = {
@@ -72,6 +72,7 @@ class Contents:
     shading : ``TRUE`` or ``DISPLACED``, as it took effect.
     border : share of the picture (x0, y0, x1, y1) that glasses cover in any baked frame.
     samples : frame -> own view layer -> samples of the renderer.
+    moments : frame -> further times (frames) at which its geometry is stored, for motion blur.
     objects : folder names of the baked objects.
     images : folder names of the baked images.
     """
@@ -84,6 +85,7 @@ class Contents:
     shading: str = "TRUE"
     border: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
     samples: dict[int, dict[str, int]] = field(default_factory=dict)
+    moments: dict[int, list[float]] = field(default_factory=dict)
     objects: list[str] = field(default_factory=list)
     images: list[str] = field(default_factory=list)
 
@@ -110,6 +112,7 @@ def read_contents(folder: Path) -> Contents | None:
         found.size, found.border = tuple(found.size), tuple(found.border)
         # JSON's keys are text.
         found.samples = {int(frame): values for frame, values in found.samples.items()}
+        found.moments = {int(frame): times for frame, times in found.moments.items()}
     except (ValueError, TypeError) as error:
         raise RefractiveGlassError(f"{path} is no list of baked frames: {error}") from error
     return found
@@ -153,9 +156,9 @@ class GeometryWriter:
         (self._folder / "blobs").mkdir(parents=True, exist_ok=True)
         (self._folder / _NEW).mkdir(exist_ok=True)
 
-    def write(self, frame: int, mesh: bpy.types.Mesh) -> None:
-        """Store the mesh (evaluated, world space) as that frame's geometry."""
-        name = f"{frame:05d}_{self._session}.blob"
+    def write(self, time: float, mesh: bpy.types.Mesh) -> None:
+        """Store the mesh (evaluated, world space) as the geometry at that time (frames)."""
+        name = f"{Path(meta_file(time)).stem}_{self._session}.blob"
         fresh: list[bytes] = []
         size = 0
 
@@ -173,8 +176,13 @@ class GeometryWriter:
         if fresh:
             (self._folder / "blobs" / name).write_bytes(b"".join(fresh))
         root = {"version": _FORMAT, "items": {"0": {"type": "GEOMETRY", "data": geometry}}}
-        meta = self._folder / _NEW / f"{frame:05d}_00000.json"
+        meta = self._folder / _NEW / meta_file(time)
         meta.write_text(json.dumps(root, separators=(",", ":")), encoding="utf-8")
+
+
+def meta_file(time: float) -> str:
+    """Name of the Bake node's description of a time (frames), as that node reads it."""
+    return f"{time:011.5f}.json".replace(".", "_", 1)
 
 
 def _described(mesh: bpy.types.Mesh, stored) -> dict:
@@ -288,14 +296,20 @@ def commit(folder: Path, contents: Contents, *, replaced: Contents | None = None
     """
     if replaced is not None:
         remove(folder, replaced)
+    before = read_contents(folder)
+    old = before.moments if before is not None else {}
+    stale = [t for f, times in old.items() if times != contents.moments.get(f) for t in times]
+    # One frame more at both ends. A sequence shows the file before its first frame's up to there,
+    # and of geometry the last moment would be held, not the last frame.
+    span = range(max(0, contents.span.start - 1), contents.span.stop + 1)
     for name in contents.objects:
         target = folder / GEOMETRY / name / "meta"
+        for time in stale:
+            (target / meta_file(time)).unlink(missing_ok=True)
         _take_place(target.with_name(_NEW), target)
-        known = {n: target / f"{n:05d}_00000.json" for n in contents.frames}
-        _fill(known, contents.span, lambda n, t=target: t / f"{n:05d}_00000.json")
+        known = {n: target / meta_file(n) for n in contents.frames}
+        _fill(known, span, lambda n, t=target: t / meta_file(n))
         _drop_unnamed_blobs(target.parent)
-    # A sequence starts one file early: that is what Blender shows before its first frame.
-    span = range(max(0, contents.span.start - 1), contents.span.stop)
     for name in contents.images:
         target = folder / IMAGES / name
         _take_place(target / _NEW, target)
@@ -335,7 +349,7 @@ def _is_ours(path: Path, name: str) -> bool:
     image = rf"{re.escape(name)}_\d{{4,}}\.exr"
     return bool(
         _META_NAME.fullmatch(path.name)
-        or re.fullmatch(r"\d{5,}_[0-9a-f]{8}\.blob", path.name)
+        or re.fullmatch(r"\d{5,}_\d{5}_[0-9a-f]{8}\.blob", path.name)
         or re.fullmatch(image, path.name)
     )
 

@@ -101,9 +101,9 @@ def composite_group(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
 
 
 def bakeable_objects(layers: Layers) -> dict[str, bpy.types.Object]:
-    """Folder name -> each own object whose geometry the extension writes frame by frame."""
+    """Folder name -> each own object that is rendered and that the extension writes each frame."""
     found: dict[str, bpy.types.Object] = {}
-    for own_scene in layers.all():
+    for own_scene in layers.rendered():
         for collection in own_scene.collection.children_recursive:
             for obj in collection.objects:
                 if not own(obj) or obj.type != "MESH" or obj in found.values():

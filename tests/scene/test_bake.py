@@ -391,7 +391,9 @@ def test_frames_that_no_longer_fit_go(tmp_path):
     assert baking.dropped == [1, 3]
     baking.finish()
     assert baked(scene).frames == "2"
-    assert {int(p.stem[:5]) for p in _baked_folder(tmp_path).rglob("meta/*.json")} == {2}
+    for meta in _baked_folder(tmp_path).glob("geometry/*/meta"):
+        # The other frames hold the one that there is.
+        assert len({p.read_text() for p in meta.iterdir()}) == 1
 
 
 def test_what_no_longer_fits_is_said(tmp_path):
@@ -490,3 +492,32 @@ def test_prepare_raises_no_error_for_a_baked_scene_without_glass(tmp_path):
     with pytest.raises(RefractiveGlassError, match="no refractive glass"):
         Baking(scene, scenes.depsgraph(), "", 1, 1)
     assert baked(scene) is not None
+
+
+@pytest.mark.parametrize("position", ["CENTER", "START"])
+def test_motion_blur_without_the_extension(tmp_path, position):
+    scene, _, _ = _scene(tmp_path, shading="DISPLACED", samples=8)
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=0.03, location=(0, 0.1, 0.06))
+    ball = bpy.context.object
+    ball.data.materials.append(scenes.emissive("ball", (1.0, 1.0, 0.2)))
+    for frame, x in ((1, -0.02), (5, 0.02)):
+        ball.location.x = x
+        ball.keyframe_insert("location", frame=frame)
+    still = _pictures(scene, tmp_path, "still")
+    scene.render.use_motion_blur = True
+    scene.render.motion_blur_shutter = 0.5
+    scene.render.motion_blur_position = position
+    live = _pictures(scene, tmp_path, "live")
+    assert not np.array_equal(still[1], live[1])
+    assert _bake() == {"FINISHED"}
+    _save(tmp_path)
+    plain = _pictures_without_the_extension(tmp_path, "plain", 1, 3)
+    for now, then in zip(plain, live, strict=True):
+        np.testing.assert_array_equal(now, then)
+    # Baked again without, the moments beside the frames are gone.
+    scene.render.use_motion_blur = False
+    assert _bake() == {"FINISHED"}
+    times = {p.stem for p in _baked_folder(tmp_path).rglob("meta/*.json")}
+    assert times == {f"{frame:05d}_00000" for frame in range(5)}
+    for now, then in zip(_pictures(scene, tmp_path, "again"), still, strict=True):
+        np.testing.assert_array_equal(now, then)
