@@ -215,15 +215,16 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
     """
     passage, tolerance = slots.passage, slots.tolerance
     slots.slot(MAIN)
-    # Newton squares the error: the step that follows one this small is below the tolerance, even
-    # near the edge of a domain, where the square is multiplied by 10⁵ and more. Where only few
-    # digits are asked for, what `put` finds wrong is worth another step.
+    # Newton squares the error: the step that follows one this small is below the tolerance. Near
+    # the edge of a domain the square is multiplied by 10⁵ and more: where only few digits are asked
+    # for, what `put` finds wrong takes further steps, down to `least`.
     coarse = tolerance > 1e-7 and passage.smooth and _largest(slots.points) < passage.widest
     narrow = coarse and tolerance > COARSE
     small = 1e-9 if tolerance <= 1e-8 else (0.5 if narrow else 0.3) * tolerance**0.5
+    least = max(0.1 * tolerance, 1e-9)
     left, most, retry = [], [], []
 
-    def refine(unknowns, solved):
+    def refine(unknowns, solved, small):
         unknowns = [part.astype(np.float64, copy=False) for part in unknowns]
         return newton(passage, unknowns, solved, small=small, most=passage.most)
 
@@ -245,23 +246,24 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
                 small=small if narrow else 3e-3,
                 most=ROUGH,
             )
+            rested = steps <= ROUGH
         if not narrow:
             # Who does not come to rest, mostly for want of an image, is left to the search.
-            some = np.flatnonzero(steps <= ROUGH) if coarse else slice(None)
+            some = np.flatnonzero(rested) if coarse else slice(None)
             if coarse and len(some) < len(steps):
-                fine, more = refine([u[some] for u in unknowns], [t[some] for t in solved])
+                fine, more = refine([u[some] for u in unknowns], [t[some] for t in solved], small)
                 unknowns = [part.astype(np.float64) for part in unknowns]
                 for unknown, part in zip(unknowns, fine, strict=True):
                     unknown[some] = part
                 steps[some] += more
             else:
-                unknowns, more = refine(unknowns, solved)
+                unknowns, more = refine(unknowns, solved, small)
                 steps = steps + more
         settled = slots.put(MAIN, block, unknowns, targets, True)
         if not settled.all():
             lost = ~settled
-            if narrow:
-                again = np.flatnonzero(lost & (steps <= ROUGH))
+            if coarse:
+                again = np.flatnonzero(lost & rested)
                 retry.append((block.start + again, *(u[again] for u in unknowns), steps[again]))
                 lost[again] = False
             left.append(block.start + np.flatnonzero(lost))
@@ -269,12 +271,12 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
 
     in_blocks(work, len(slots.points))
     if retry:
-        # Where float32 is not enough, on from where it led.
+        # Where that was not enough, on from where it led.
         index, *unknowns, steps = (np.concatenate(part) for part in zip(*retry, strict=True))
 
         def again(block: slice) -> None:
             targets = passage.targets(slots.points[index[block]])
-            fine, more = refine([u[block] for u in unknowns], targets[: passage.solved])
+            fine, more = refine([u[block] for u in unknowns], targets[: passage.solved], least)
             settled = slots.put(MAIN, index[block], fine, targets, True)
             left.append(index[block][~settled])
             most.append(int(((steps[block] + more) * settled).max(initial=0)))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from glass_refraction import optics
-from glass_refraction.optics import coaxial, sheets
+from glass_refraction.optics import apparent, coaxial, sheets
+from glass_refraction.optics.solver import BLOCK
 
 EYE = np.array([0.5, 0.02, 0.1])
 HOLLOW = optics.CylinderGlass((0.04, 0.037), (1.5, 1.0))
@@ -25,11 +26,11 @@ def peak_bytes(glass, path, count, tolerance):
     """Bytes in use at most, output included, input not; and those of the output."""
     points = cloud(count)
     tracemalloc.start()
-    apparent = optics.apparent_points(glass, path, EYE, points, tolerance=tolerance)
+    found = optics.apparent_points(glass, path, EYE, points, tolerance=tolerance)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     fields = "direction", "distance", "position", "valid", "residual"
-    return peak, sum(getattr(apparent, field).nbytes for field in fields)
+    return peak, sum(getattr(found, field).nbytes for field in fields)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ def peak_bytes(glass, path, count, tolerance):
 def test_memory_grows_by_less_than_300_bytes_a_point(glass, path, tolerance):
     """Blocks need the same whatever the number of points: what grows with it is what counts."""
     peak_bytes(glass, path, 100, tolerance)
-    few, many = 15_000, 45_000
+    few, many = 2 * BLOCK, 4 * BLOCK  # two full blocks at a time in either case
     few_peak, few_output = peak_bytes(glass, path, few, tolerance)
     many_peak, many_output = peak_bytes(glass, path, many, tolerance)
     beyond = (many_peak - many_output) - (few_peak - few_output)
@@ -91,3 +92,20 @@ def test_evaluations_a_point_of_several_images(monkeypatch, glass, path, most):
     many = sum(sizes) / 6000
     assert many <= most
     assert many == pytest.approx(few, rel=0.2)
+
+
+@pytest.mark.parametrize("shape", [optics.CylinderGlass, optics.SphereGlass])
+@pytest.mark.parametrize("tolerance", [1e-9, 4e-7, 2e-5])
+def test_only_points_without_an_image_are_searched_for(monkeypatch, shape, tolerance):
+    """Few digits asked for must not mean that points near the verge are solved twice."""
+    glass, search, searched = shape((0.04, 0.037), (1.5, 1.0)), apparent._by_curves, []
+
+    def counting(slots, left):
+        searched.append(len(left))
+        search(slots, left)
+
+    monkeypatch.setattr(apparent, "_by_curves", counting)
+    points = np.random.default_rng(0).uniform(-0.3, 0.3, (3000, 3)) - (0.35, 0.0, 0.0)
+    found = optics.apparent_points(glass, "TTTT", (0.5, 0.0, 0.01), points, tolerance=tolerance)
+    unseen = int((~found.valid.any(axis=0)).sum())
+    assert 0 < unseen <= sum(searched) <= unseen + 0.03 * len(points)
