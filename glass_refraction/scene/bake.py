@@ -241,6 +241,8 @@ class Baking:
         )
         commit(self.folder, contents, replaced=None if self._fits else self._old)
         attach(scene, layers, self.directory, contents)
+        # The carriers do not hold any more what is remembered of them.
+        door.forget()
         wrong = self._misread()
         self._leave()
         if wrong:

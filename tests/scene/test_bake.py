@@ -495,7 +495,7 @@ def test_prepare_raises_no_error_for_a_baked_scene_without_glass(tmp_path):
 
 
 @pytest.mark.parametrize("position", ["CENTER", "START"])
-def test_motion_blur_without_the_extension(tmp_path, position):
+def test_motion_blur_without_the_extension(tmp_path, position, capfd):
     scene, _, _ = _scene(tmp_path, shading="DISPLACED", samples=8)
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.03, location=(0, 0.1, 0.06))
     ball = bpy.context.object
@@ -514,6 +514,7 @@ def test_motion_blur_without_the_extension(tmp_path, position):
     plain = _pictures_without_the_extension(tmp_path, "plain", 1, 3)
     for now, then in zip(plain, live, strict=True):
         np.testing.assert_array_equal(now, then)
+    assert "Error" not in capfd.readouterr().err
     # Baked again without, the moments beside the frames are gone.
     scene.render.use_motion_blur = False
     assert _bake() == {"FINISHED"}
