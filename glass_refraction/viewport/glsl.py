@@ -25,11 +25,13 @@ void main()
 COPY_FRAGMENT = (
     DEPTH
     + """
-vec4 sharp(vec2 place, ivec2 last)
+/* The 4 x 4 pixels round a place in the direct picture; which of them show that very surface. */
+vec4 colours[16];
+bool shows[16];
+
+vec4 sharp(vec2 t)
 {
   /* The cubic through the pixels (Keys 1981, a = -1/2). */
-  vec2 base = floor(place);
-  vec2 t = place - base;
   vec4 weight[2];
   for (int axis = 0; axis < 2; axis++) {
     float s = t[axis];
@@ -39,13 +41,31 @@ vec4 sharp(vec2 place, ivec2 last)
                         s * s * (-0.5 + 0.5 * s));
   }
   vec4 sum = vec4(0.0);
-  for (int j = 0; j < 4; j++) {
-    for (int i = 0; i < 4; i++) {
-      ivec2 pixel = clamp(ivec2(base) + ivec2(i - 1, j - 1), ivec2(0), last);
-      sum += weight[0][i] * weight[1][j] * texelFetch(direct_tx, pixel, 0);
-    }
+  for (int k = 0; k < 16; k++) {
+    sum += weight[0][k % 4] * weight[1][k / 4] * colours[k];
   }
   return max(sum, vec4(0.0));
+}
+
+/* At an outline the engine's anti-aliasing has mixed the colours of both sides, and an overlay's
+ * line has a depth of its own: take the nearest pixels that lie well within the surface. */
+vec4 inner(vec2 t, bool only_inner)
+{
+  vec4 sum = vec4(0.0);
+  float total = 0.0;
+  for (int k = 0; k < 16; k++) {
+    ivec2 step = ivec2(k % 4, k / 4);
+    bool within = shows[k];
+    for (int n = 0; only_inner && n < 9; n++) {
+      ivec2 other = clamp(step + ivec2(n % 3, n / 3) - 1, ivec2(0), ivec2(3));
+      within = within && shows[other.y * 4 + other.x];
+    }
+    vec2 away = vec2(step - 1) - t;
+    float weight = within ? exp(-2.0 * dot(away, away)) + 1e-6 : 0.0;
+    sum += weight * colours[k];
+    total += weight;
+  }
+  return total > 0.0 ? sum / total : vec4(-1.0);
 }
 
 void main()
@@ -58,34 +78,21 @@ void main()
     vec2 base = floor(place);
     vec2 t = place - base;
     float near = tolerance.x * place_at.w + tolerance.y;
-    vec4 sum = vec4(0.0);
-    float share = 0.0;
-    float inverse = 0.0;
-    for (int j = 0; j < 2; j++) {
-      for (int i = 0; i < 2; i++) {
-        ivec2 pixel = clamp(ivec2(base) + ivec2(i, j), ivec2(0), size - 1);
-        float weight = (i == 0 ? 1.0 - t.x : t.x) * (j == 0 ? 1.0 - t.y : t.y);
-        float depth = has_depth == 0 ? place_at.w : depth_at(pixel);
-        inverse += weight / depth;
-        weight *= abs(depth - place_at.w) < 2.0 * near ? 1.0 : 0.0;
-        sum += weight * texelFetch(direct_tx, pixel, 0);
-        share += weight;
-      }
+    bool all_show = true;
+    bool any_shows = false;
+    for (int k = 0; k < 16; k++) {
+      ivec2 pixel = clamp(ivec2(base) + ivec2(k % 4, k / 4) - 1, ivec2(0), size - 1);
+      colours[k] = texelFetch(direct_tx, pixel, 0);
+      shows[k] = has_depth == 0 || abs(depth_at(pixel) - place_at.w) < near;
+      all_show = all_show && shows[k];
+      any_shows = any_shows || shows[k];
     }
-    if (abs(1.0 / inverse - place_at.w) < near && share > 0.999 && is_sharp != 0) {
-      found = sharp(place, size - 1);
+    if (all_show) {
+      found = sharp(t);
     }
-    else {
-      /* A line that an overlay drew, a pixel wide, has a depth of its own: look past it. */
-      for (int k = 0; share <= 0.02 && k < 16; k++) {
-        ivec2 pixel = clamp(ivec2(base) + ivec2(k % 4 - 1, k / 4 - 1), ivec2(0), size - 1);
-        float weight = abs(depth_at(pixel) - place_at.w) < 2.0 * near ? 0.01 : 0.0;
-        sum += weight * texelFetch(direct_tx, pixel, 0);
-        share += weight;
-      }
-      if (share > 0.0) {
-        found = sum / share;
-      }
+    else if (any_shows) {
+      vec4 well = inner(t, true);
+      found = well.a < 0.0 ? inner(t, false) : well;
     }
   }
   frag_colour = found;

@@ -23,7 +23,7 @@ HULL_SIDE = 4
 HULL_LIVE_SIDE = 2
 MAX_SAMPLES = 8_000_000
 """Of one glass; larger ones get one sample a pixel."""
-LOOKUP_PX = 4.0
+LOOKUP_PX = 8.0
 """How far, in pixels' worth of depth, a place may lie from what the direct picture shows."""
 _GRAIN = 64
 """Off-screen sizes are multiples of it, so that few are made while the eye moves."""
@@ -81,9 +81,11 @@ class Painter:
         framebuffer.read_depth(0, 0, width, height, data=depth)
         self._direct = gpu.types.GPUTexture(view.size, format="RGBA16F", data=colour)
         self._depth = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
-        far = np.asarray(depth)[::8, ::8] >= 1.0
-        self._has_depth = not far.all()
-        if not far.any() or far.all():
+        depths = np.asarray(depth)[::8, ::8]
+        # EEVEE writes none while overlays are off: what is hidden can then not be told.
+        self._has_depth = bool(depths.min() < depths.max())
+        far = depths >= 1.0
+        if not far.any() or not self._has_depth:
             return None
         return tuple(np.asarray(colour)[::8, ::8][far].mean(axis=0).tolist())
 
@@ -104,7 +106,7 @@ class Painter:
         for path, plane in zip(pane.paths, planes, strict=False):
             with layer.bind():
                 self._begin(side * width, side * height)
-                self._draw_copies(pane, path, view, is_sharp)
+                self._draw_copies(pane, path, view)
             with total.bind():
                 gpu.state.viewport_set(0, 0, width, height)
                 self._add(pane, layer.texture_color, side, plane, beyond)
@@ -147,14 +149,13 @@ class Painter:
         shader.uniform_int("side", [side])
         batch.draw(shader)
 
-    def _draw_copies(self, pane: Pane, path, view: Viewpoint, is_sharp: bool) -> None:
+    def _draw_copies(self, pane: Pane, path, view: Viewpoint) -> None:
         shader = _shader("copy")
         shader.bind()
         gpu.state.depth_test_set("LESS_EQUAL")
         gpu.state.depth_mask_set(True)
         self._lookup_uniforms(shader, view)
         shader.uniform_sampler("direct_tx", self._direct)
-        shader.uniform_int("is_sharp", [int(is_sharp)])
         for key, shape in pane.of_path(path):
 
             def made(shape=shape):
@@ -286,7 +287,7 @@ _DESCRIPTIONS = {
     "copy": (
         [("VEC4", "clip"), ("VEC4", "place"), ("VEC3", "colour")],
         [("VEC4", "place_at"), ("VEC3", "own_colour")],
-        [*_LOOKUP, ("INT", "is_sharp")],
+        _LOOKUP,
         ["direct_tx", "depth_tx"],
         glsl.COPY_VERTEX,
         glsl.COPY_FRAGMENT,

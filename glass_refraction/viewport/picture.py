@@ -120,6 +120,10 @@ class Picture:
         self._stamp: tuple | None = None
         self._versions = 0
 
+    def doubt(self) -> None:
+        """Data-blocks may have been replaced (undo): the next update compares every vertex."""
+        self._stamp = None
+
     def matches(self, scene: bpy.types.Scene, view: Viewpoint) -> bool:
         """Whether nothing changed since the last update."""
         return self._stamp == _stamp(scene, view)

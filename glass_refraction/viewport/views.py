@@ -95,10 +95,13 @@ def status(space: bpy.types.SpaceView3D) -> list[str]:
     return lines
 
 
-def forget() -> None:
-    """Drop all that was found: data-blocks may have been replaced (undo, redo)."""
+def doubt() -> None:
+    """Data-blocks may have been replaced (undo, redo): what was found is to be compared anew.
+
+    It is arrays alone, under keys that undo keeps, so it may stay.
+    """
     for view in _views.values():
-        view.picture = Picture()
+        view.picture.doubt()
         view.failure = ""
         view.stop()
 
@@ -278,7 +281,7 @@ def _soon(function) -> None:
 
 @persistent
 def _on_undo(*_) -> None:
-    forget()
+    doubt()
     if not bpy.app.background:
         _soon(_mark_shown)
 

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Inside Blender with a window: the refracted picture in 3D views.
+
+Arguments: output folder, the scene that ``viewport_f12`` made. Writes screenshots as arrays and the
+rest as the result.
+"""
+
+import json
+import subprocess
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Quaternion, Vector
+
+FOLDER, SCENE = Path(sys.argv[-2]), Path(sys.argv[-1])
+NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
+FRAMES = (1, 10, 20)
+REST_SECONDS = 40
+
+result = {"seconds": {}}
+
+
+def modules():
+    return sys.modules[f"{NAME}.viewport.views"], sys.modules[f"{NAME}.viewport.picture"]
+
+
+def areas(kind="VIEW_3D"):
+    window = bpy.context.window_manager.windows[0]
+    return [a for a in window.screen.areas if a.type == kind]
+
+
+def override(area):
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    window = bpy.context.window_manager.windows[0]
+    return bpy.context.temp_override(window=window, area=area, region=region)
+
+
+def switch(area, on):
+    with override(area):
+        bpy.context.window_manager.refractive_glass_overlay = on
+        result["switched"] = bpy.context.window_manager.refractive_glass_overlay == on
+
+
+def screenshot(name, area):
+    """The area's 3D view as it is on screen: (H, W, 3) float, bottom row first."""
+    path = FOLDER / f"{name}.png"
+    subprocess.run(["import", "-window", "root", path], check=True)
+    image = bpy.data.images.load(str(path))
+    width, height = image.size
+    pixels = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    pixels = pixels.reshape(height, width, 4)[..., :3]
+    return pixels[region.y : region.y + region.height, region.x : region.x + region.width]
+
+
+def camera_frame(area):
+    """The camera's frame in the view, pixels: (x0, y0, x1, y1), floats."""
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    matrices = area.spaces.active.region_3d
+    camera = bpy.context.scene.camera
+    corners = camera.data.view_frame(scene=bpy.context.scene)
+    places = []
+    for corner in corners:
+        clip = matrices.perspective_matrix @ (camera.matrix_world @ corner).to_4d()
+        place = Vector((clip.x / clip.w, clip.y / clip.w))
+        places.append((0.5 * (place.x + 1) * region.width, 0.5 * (place.y + 1) * region.height))
+    places = np.array(places)
+    return [*places.min(axis=0), *places.max(axis=0)]
+
+
+def flat_view(area, kind):
+    space = area.spaces.active
+    space.region_3d.view_perspective = "CAMERA"
+    # Without overlays EEVEE writes no depths; what they show lies beside the eraser.
+    overlay = space.overlay
+    overlay.show_overlays = kind != "SOLID"
+    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_cursor = False
+    overlay.show_extras = overlay.show_object_origins = overlay.show_outline_selected = False
+    space.show_gizmo = False
+    space.show_region_ui = space.show_region_toolbar = space.show_region_header = False
+    shading = space.shading
+    shading.type, shading.light, shading.color_type = kind, "FLAT", "MATERIAL"
+    shading.show_object_outline = shading.show_cavity = False
+
+
+def rest():
+    """Wait until every view that asks is exact, and drawn so."""
+    views, _ = modules()
+    started = time.perf_counter()
+    yield 0.3
+    while time.perf_counter() - started < REST_SECONDS:
+        known = views._views.values()
+        if known and all(v.picture.exact or v.failure for v in known):
+            break
+        yield 0.1
+    else:
+        raise RuntimeError("the views did not come to rest")
+    yield 0.7
+
+
+def failures():
+    views, _ = modules()
+    return [v.failure for v in views._views.values() if v.failure]
+
+
+def timed(name, steps):
+    started = time.perf_counter()
+    yield from steps
+    result["seconds"][name] = time.perf_counter() - started
+
+
+def frames_like_f12():
+    """The eraser's outline in the viewport and in F12, frame by frame."""
+    scene = bpy.context.scene
+    (area,) = areas()
+    for kind in ("SOLID", "MATERIAL"):
+        flat_view(area, kind)
+        for frame in FRAMES if kind == "SOLID" else FRAMES[1:2]:
+            scene.frame_set(frame)
+            yield from rest()
+            picture = screenshot(f"viewport_{kind.lower()}_{frame}", area)
+            for _ in range(REST_SECONDS):
+                # EEVEE compiles its shaders first; until then the desk beside the glass is grey.
+                if picture[200, 300, 0] > picture[200, 300, 2] + 0.1:
+                    break
+                yield 1.0
+                picture = screenshot(f"viewport_{kind.lower()}_{frame}", area)
+            np.save(FOLDER / f"{kind}_{frame}.npy", picture)
+    flat_view(area, "SOLID")
+    result["frame"] = camera_frame(area)
+
+
+def stillness():
+    """Whether draws and operations come to an end while nothing happens."""
+    views, picture = modules()
+    result["still"] = False
+    for _ in range(20):
+        before = dict(views.counters), dict(picture.counters)
+        yield 1.5
+        if before == (dict(views.counters), dict(picture.counters)):
+            result["still"] = True
+            break
+
+
+def orbit():
+    (area,) = areas()
+    matrices = area.spaces.active.region_3d
+    matrices.view_perspective = "PERSP"
+    matrices.view_location, matrices.view_distance = (0.0, 0.0, 0.05), 0.5
+    for step in range(6):
+        turn = Quaternion((0, 0, 1), 0.2 * step) @ Quaternion((1, 0, 0), 1.3)
+        matrices.view_rotation = turn
+        area.tag_redraw()
+        yield 0.15
+    screenshot("viewport_orbit", area)
+    matrices.view_perspective = "ORTHO"
+    yield from rest()
+    screenshot("viewport_ortho", area)
+    area.spaces.active.region_3d.view_perspective = "CAMERA"
+
+
+def undo_and_redo():
+    (area,) = areas()
+    with override(area):
+        bpy.ops.ed.undo_push(message="start")
+        for step in range(10):
+            bpy.data.objects["Eraser"].delta_location.x += 0.001
+            bpy.ops.ed.undo_push(message=f"step {step}")
+    for operator in (bpy.ops.ed.undo, bpy.ops.ed.redo):
+        for _ in range(10):
+            with override(area):
+                operator()
+            yield 0.05
+    result["moved"] = bpy.data.objects["Eraser"].delta_location.x
+    yield from rest()
+    result["edges_after_undo"] = faces_of_glass()
+
+
+def faces_of_glass():
+    glass = bpy.data.objects["Glass"]
+    return len(glass.evaluated_get(bpy.context.view_layer.depsgraph).data.polygons)
+
+
+def two_views():
+    (area,) = areas()
+    views, _ = modules()
+    with override(area):
+        bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
+    yield 1.0
+    first, second = areas()
+    shown = [views.is_shown(a.spaces.active) for a in (first, second)]
+    result["after_split"] = sorted(shown)
+    for one in (first, second):
+        if not views.is_shown(one.spaces.active):
+            switch(one, True)
+        flat_view(one, "SOLID")
+    second.spaces.active.region_3d.view_perspective = "PERSP"
+    yield from rest()
+    result["views"] = len([v for v in views._views.values() if v.picture.exact])
+    screenshot("viewport_two", first)
+    other = first.spaces.active
+    switch(second, False)
+    yield 0.5
+    result["one_left"] = [views.is_shown(other), len(views._handles)]
+    with override(second):
+        bpy.ops.screen.area_close()
+    yield 0.5
+
+
+def saved_file():
+    """A file holds the glass whole, whatever a view shows."""
+    path = FOLDER / "saved.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    result["faces_while_shown"] = faces_of_glass()
+    with bpy.data.libraries.load(str(path)) as (available, wanted):
+        wanted.objects = [n for n in available.objects if n == "Glass"]
+    loaded = wanted.objects[0]
+    inputs = sys.modules[f"{NAME}.scene.modifier_inputs"]
+    result["marked_in_file"] = inputs.read_input(loaded.modifiers[0], "Edges in Viewport")
+    bpy.data.objects.remove(loaded)
+
+
+def off():
+    views, _ = modules()
+    for area in areas():
+        if views.is_shown(area.spaces.active):
+            switch(area, False)
+    yield 1.0
+    result["off"] = [len(views._handles), len(views._views), faces_of_glass()]
+
+
+def other_files():
+    views, _ = modules()
+    for _ in range(2):
+        bpy.ops.wm.open_mainfile(filepath=str(SCENE))
+        yield 1.0
+        result.setdefault("after_load", []).append(len(views._handles))
+        (area,) = areas()
+        area.spaces.active.shading.type = "SOLID"
+        switch(area, True)
+        yield 1.5
+        bpy.ops.wm.read_homefile(use_empty=False)
+        yield 1.0
+    (area,) = areas()
+    switch(area, True)
+    yield 1.0
+    switch(area, False)
+
+
+def steps():
+    """Each ``yield`` gives Blender that many seconds to draw and to run its timers."""
+    yield 1.0
+    bpy.ops.wm.open_mainfile(filepath=str(SCENE))
+    yield 1.0
+    views, _ = modules()
+    result["handles_before"] = len(views._handles)
+    (area,) = areas()
+    flat_view(area, "SOLID")
+    switch(area, True)
+    for part in (frames_like_f12, stillness, orbit, undo_and_redo, two_views):
+        yield from timed(part.__name__, part())
+        result.setdefault("failures", []).extend(failures())
+    saved_file()
+    yield from timed("off", off())
+    yield from timed("other_files", other_files())
+
+
+def advance():
+    try:
+        print(f"viewport: line {running.gi_frame.f_lineno}", flush=True)
+        return next(running)
+    except StopIteration:
+        (FOLDER / "result.json").write_text(json.dumps(result))
+    except Exception:
+        traceback.print_exc()
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+running = steps()
+bpy.app.timers.register(advance, first_interval=1.0, persistent=True)

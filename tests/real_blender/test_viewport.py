@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The refracted picture in the 3D views of a Blender with a window, against F12's."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+DEMO = Path(__file__).parents[2] / "demo_scenes" / "eraser.blend"
+FRAMES = (1, 10, 20)
+
+
+@pytest.fixture(scope="module")
+def flat(installed):
+    return installed.folder / "flat.blend"
+
+
+@pytest.fixture(scope="module")
+def rendered(installed, flat):
+    return installed.script("viewport_f12", shutil.copy(DEMO, installed.folder), flat)
+
+
+@pytest.fixture(scope="module")
+def found(installed, rendered, flat):
+    installed.script("no_splash")
+    return installed.script("viewport", flat, how="gui", seconds=400)
+
+
+def mask(picture):
+    """The eraser: more green than anything else, at least half of it."""
+    red, green, blue = (picture[..., k] for k in range(3))
+    return green > np.maximum(0.5, np.maximum(red, blue) + 0.1)
+
+
+def outline(picture):
+    """(K, 2) places between pixels of which one is the eraser's, x and y in pixels.
+
+    At the verge of the glass, which is black here, the picture is squeezed without end: what lies
+    within three pixels of it is left out.
+    """
+    dark = picture.sum(axis=2) < 0.5
+    dark[:, 3:] |= dark[:, :-3].copy()
+    dark[:, :-3] |= dark[:, 3:].copy()
+    shown = mask(picture)
+    across = (shown[:, 1:] != shown[:, :-1]) & ~dark[:, 1:] & ~dark[:, :-1]
+    along = (shown[1:] != shown[:-1]) & ~dark[1:] & ~dark[:-1]
+    across = np.argwhere(across)[:, ::-1] + (1.0, 0.5)
+    along = np.argwhere(along)[:, ::-1] + (0.5, 1.0)
+    return np.concatenate((across, along))
+
+
+def farthest(first, second):
+    """How far the points of one outline lie from the other one, at most, both ways."""
+    apart = np.linalg.norm(first[:, None] - second[None], axis=2)
+    return max(apart.min(axis=1).max(), apart.min(axis=0).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "frame"), [*(("SOLID", f) for f in FRAMES), ("MATERIAL", FRAMES[1])]
+)
+def test_the_erasers_outline_is_that_of_f12(found, rendered, kind, frame):
+    seen = np.load(found["folder"] / f"{kind}_{frame}.npy")
+    picture = np.load(rendered["folder"] / f"F12_{frame}.npy")
+    x0, y0, x1, y1 = found["frame"]
+    height, width = picture.shape[:2]
+    expected = outline(picture) * ((x1 - x0) / width, (y1 - y0) / height) + (x0, y0)
+    assert len(expected) > 100
+    assert farthest(outline(seen), expected) < 2.0
+
+
+@pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
+def test_colours_are_managed_once(found, kind):
+    """The wall is one colour; through the glass it is the same."""
+    seen = np.load(found["folder"] / f"{kind}_{FRAMES[1]}.npy")
+    x0, y0, x1, y1 = found["frame"]
+    # High on the wall, in the middle of the glass and right beside it.
+    row = int(y0 + 0.62 * (y1 - y0))
+    through, beside = (seen[row, int(x0 + part * (x1 - x0))] for part in (0.42, 0.8))
+    assert through == pytest.approx(beside, abs=1.5 / 255)
+    assert beside[2] > 0.5
+
+
+def test_nothing_happens_on_a_still_scene(found):
+    assert found["still"]
+
+
+def test_nothing_fails(found):
+    assert found["failures"] == []
+
+
+def test_undo_and_redo_keep_the_picture(found):
+    assert found["moved"] == pytest.approx(0.01, abs=1e-6)
+    assert found["edges_after_undo"] == 0
+
+
+def test_two_views(found):
+    assert found["views"] == 2
+    assert found["one_left"] == [True, 2]
+
+
+def test_files_hold_the_glass_whole(found):
+    assert found["faces_while_shown"] == 0
+    assert not found["marked_in_file"]
+
+
+def test_switched_off_nothing_is_left(found):
+    handles, views, faces = found["off"]
+    assert (found["handles_before"], handles, views) == (0, 0, 0)
+    assert faces > 100
+    assert found["after_load"] == [0, 0]
