@@ -370,7 +370,10 @@ def refine(
         visible = bool(near.any())
         chosen = found.wrong(near, aim)
         # A large face may be seen only somewhere in its middle: ask the rays.
-        unseen = np.nonzero(found.box[triangle_edges, 0].min(axis=1) == np.inf)[0]
+        # (A corner may have an image beside the picture's part, in the glass without its ends.)
+        beside = ~overlaps(face_boxes(found.box, triangle_edges), rect)
+        whole = ends.valid[:, triangles.corners].all(axis=2).any(axis=0)
+        unseen = np.nonzero(beside & ~whole)[0]
         met = unseen[_met_by(probe, triangles.points[triangles.corners[unseen]])]
         chosen[triangle_edges[met].ravel()] = True
         # With its longest edge whole, a triangle that is split again and again becomes a sliver.
