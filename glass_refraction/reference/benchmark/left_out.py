@@ -19,9 +19,8 @@ from ...scene.sources import pieces, source_objects, world_positions
 from ...scene.viewpoint import read_viewpoint
 from ..cycles import scene_depsgraph
 from ..metrics import psnr, to_srgb
-from ..picture import render_picture
 from .measure import seconds
-from .pictures import computed, open_scene, timed
+from .pictures import composite, computed, open_scene, timed
 from .plots import Chart
 from .settings import Settings
 from .text import number, table
@@ -94,7 +93,7 @@ def _settings(scene: bpy.types.Scene, values: dict) -> Iterator[None]:
 def _state(scene: bpy.types.Scene) -> dict:
     """The picture of the scene as it is set, and what it took."""
     door.forget()
-    picture, taken = timed(lambda: render_picture(scene))
+    picture, taken = timed(lambda: composite(scene))
     found = computed(scene)
     copies = find_layers(scene).copies().values()
     inside = ~region_masks(scene, scene_depsgraph(scene))[""]

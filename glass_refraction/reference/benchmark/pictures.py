@@ -82,8 +82,8 @@ def _scene(settings: Settings, path: Path, surface: str) -> dict:
             scene.cycles.seed = 1
             # As the first frame of a render: neither copies nor masks are known.
             door.forget()
-            picture, taken = timed(lambda: render_picture(scene))
-            again = seconds(lambda: render_picture(scene))
+            picture, taken = timed(lambda: composite(scene))
+            again = seconds(lambda: composite(scene))
             found = computed(scene)
             rows.append(
                 {
@@ -143,6 +143,16 @@ def _converged(scene, surface: str, samples: int):
         return 0.5 * rmse(*shown, mask)
 
     return to_srgb(0.5 * (halves[0] + halves[1])), noise
+
+
+def composite(scene: bpy.types.Scene) -> np.ndarray:
+    """The scene's composited picture, brought up to date and rendered.
+
+    Blender 5.2 crashes where a render that a script starts finds its compositor tree changed by
+    its own beginning: so the scene is prepared before.
+    """
+    door.prepare(scene, scene_depsgraph(scene), strict=True)
+    return render_picture(scene)
 
 
 def computed(scene: bpy.types.Scene) -> door.Status:

@@ -24,6 +24,10 @@ BLENDER_PARTS = frozenset(PARTS) - {"solver", "stability"}
 SCENE_PARTS = frozenset({"pictures", "left_out"})
 """Parts that render the scenes of the settings."""
 
+FORMAT = 1
+"""Of ``report.json``, to be raised with every change of what a part tells: a report of another
+format is not added to."""
+
 
 def run(
     settings: Settings,
@@ -156,9 +160,9 @@ def _kept(folder: Path) -> dict:
     path = folder / "report.json"
     if path.is_file():
         report = json.loads(path.read_text(encoding="utf-8"))
-        if report.get("kind") == "benchmark":
+        if report.get("benchmark") == FORMAT:
             return report
-    return {"kind": "benchmark", "parts": {}}
+    return {"benchmark": FORMAT, "parts": {}}
 
 
 def _keep_scenes(found: dict, before: dict) -> None:
