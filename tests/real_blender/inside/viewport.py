@@ -101,7 +101,12 @@ def rest():
         yield 0.1
     else:
         raise RuntimeError("the views did not come to rest")
-    yield 0.7
+    # The last redraws: of the exact picture, and of the engine's anti-aliasing.
+    for _ in range(20):
+        draws = views.counters["draws"]
+        yield 0.4
+        if views.counters["draws"] == draws:
+            break
 
 
 def failures():
