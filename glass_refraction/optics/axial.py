@@ -136,14 +136,33 @@ class Wanted:
 
 @dataclass
 class Group:
-    """Rays that met the same interfaces so far: `medium`, numbers, part of the light, length."""
+    """Rays that met the same interfaces so far.
+
+    `medium` they are in, `index`: their numbers, `weight`: part of the light, `trail`: medium and
+    geometric lengths of every stretch so far, in units of `scale`.
+    """
 
     steps: Steps
     medium: int
     rays: Rays
     index: NDArray[np.intp]
     weight: Floats
-    length: Floats
+    trail: tuple[tuple[int, Floats], ...] = ()
+
+    def take(self, which) -> Group:
+        return Group(
+            self.steps,
+            self.medium,
+            self.rays.take(which),
+            self.index[which],
+            self.weight[which],
+            tuple((medium, way[which]) for medium, way in self.trail),
+        )
+
+    @property
+    def length(self) -> Floats:
+        """Geometric length of all stretches."""
+        return sum((way for _, way in self.trail), np.zeros(len(self.index)))
 
 
 def start(glass: AxialGlass, origin: ArrayLike, direction: ArrayLike) -> list[Group]:
@@ -163,7 +182,7 @@ def start(glass: AxialGlass, origin: ArrayLike, direction: ArrayLike) -> list[Gr
         momentum = direction[some] * glass.media[number]
         rays = Rays(tuple(origin[some].T / glass.scale), tuple(momentum.T))
         count = len(some)
-        groups.append(Group((), int(number), rays, index[some], np.ones(count), np.zeros(count)))
+        groups.append(Group((), int(number), rays, index[some], np.ones(count)))
     return groups
 
 
@@ -199,14 +218,7 @@ def follow(
         if group.medium == 0:
             ends = np.flatnonzero(met < 0)
             if len(ends):
-                yield Group(
-                    group.steps,
-                    0,
-                    group.rays.take(ends),
-                    group.index[ends],
-                    group.weight[ends],
-                    group.length[ends],
-                )
+                yield group.take(ends)
         ior = glass.media[group.medium]
         for number, interface in glass.around(group.medium):
             here = np.flatnonzero(met == number)
@@ -214,11 +226,12 @@ def follow(
                 continue
             back = interface.back == group.medium
             beyond = interface.beyond(group.medium)
-            rays, ways = group.rays.take(here), way[here]
+            part, ways = group.take(here), way[here]
+            rays, trail = part.rays, (*part.trail, (group.medium, ways * ior))
             reflected = _reflectance(interface.surface, rays, ways, ior, glass.media[beyond])
             for event in "TR":
                 steps = (*group.steps, (interface.name, event))
-                weight = group.weight[here] * (reflected if event == "R" else 1.0 - reflected)
+                weight = part.weight * (reflected if event == "R" else 1.0 - reflected)
                 keep = onward(steps, weight)
                 if keep is None:
                     continue
@@ -226,16 +239,9 @@ def follow(
                 after, possible = interface.surface.pass_by(rays, ways, back, gain)
                 keep = np.flatnonzero(keep & possible)
                 if len(keep):
-                    stack.append(
-                        Group(
-                            steps,
-                            group.medium if event == "R" else beyond,
-                            after.take(keep),
-                            group.index[here[keep]],
-                            weight[keep],
-                            (group.length[here] + ways * ior)[keep],
-                        )
-                    )
+                    medium = group.medium if event == "R" else beyond
+                    behind = Group(steps, medium, after, part.index, weight, trail)
+                    stack.append(behind.take(keep))
 
 
 def _reflectance(surface, rays: Rays, way, ior: float, beyond: float) -> Floats:
@@ -296,6 +302,24 @@ def weights_axial(glass: AxialGlass, eye: Floats, directions: Floats, paths) -> 
 
     in_blocks(work, total)
     return found, np.clip(rest, 0.0, 1.0)
+
+
+def lengths_axial(glass: AxialGlass, eye: Floats, directions: Floats, path: LightPath) -> tuple:
+    """Lengths and media of the stretches between the events of a path, as `path_lengths`."""
+    total, rows = len(directions), max(len(path) - 1, 0)
+    origins = np.broadcast_to(eye, (total, 3))
+    lengths, media = np.zeros((rows, total)), np.zeros((rows, total), dtype=np.intp)
+
+    def work(block: slice) -> None:
+        groups = start(glass, origins[block], directions[block])
+        for _, group in follow_paths(glass, groups, (path,)):
+            for row, (medium, way) in enumerate(group.trail[1:]):
+                lengths[row, block][group.index] = way * glass.scale
+                media[row, block][group.index] = medium
+
+    if rows:
+        in_blocks(work, total)
+    return lengths, media
 
 
 LONGEST = 16
@@ -375,7 +399,7 @@ LEAST_WAY = 1e-6
 def _sample_group(glass: AxialGlass, view: Viewpoint, size: int) -> tuple[Group, Floats]:
     rays, share = sample_rays(glass, view, size, size)
     count = len(share)
-    group = Group((), view.medium, rays, np.arange(count), np.ones(count), np.zeros(count))
+    group = Group((), view.medium, rays, np.arange(count), np.ones(count))
     return group, share
 
 

@@ -19,8 +19,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .axial import AxialGlass, first_rays, realisations, steps_of
-from .axial_rays import Passage, Unknowns, _basis, unit
+from .axial import AxialGlass, realisations, steps_of
+from .axial_rays import Passage, Unknowns, basis
 from .images import Slot
 from .paths import LightPath, ParallelView
 from .solver import in_blocks
@@ -32,11 +32,20 @@ BASE = (24, 12)
 ENOUGH = 40
 """Cells that a path's region should have before refinement."""
 
+DRAWN = 16
+"""Halvings of the way to where rays begin to exist."""
+
 DEEPEST = 4
 """Halvings of a cell where rays end to exist; two fewer where they fan out unevenly."""
 
-LOOKS = (10, 5)
-"""Rays along each side of a cell that tell whether the path's region touches it: first, later."""
+INSIDE = 1e-4
+"""Distance from the edges of the first interface's rectangle, in parts of it, for the same."""
+
+AROUND = 0.3
+"""Parts of a cell around it in which the path's region counts as touching it."""
+
+LOOKS = 8
+"""Rays along each side of a cell that tell whether the path's region touches it."""
 
 UNEVEN = 0.15
 """How far the middle ray of a cell may lie from its corners' mean, in sizes of the cell."""
@@ -52,7 +61,7 @@ class Tubes:
     (2, 2, 4, C) places of the corners across the axis, [constant and per way s along it, side,
     corner]. `table`: (28, C) what `Search.shares` needs: three lines of a frame with its origin,
     and the quadrangle's mean, two edges and twist, each as in `corners`. `low`, `high`: where the
-    stretch runs, (C,). `loose`: corners are missing.
+    stretch runs, (C,). `loose`: rays fan out too widely for all this.
     """
 
     middle: Floats
@@ -85,16 +94,13 @@ class Lattice:
         for level in range(DEEPEST + 1):
             # The cells of the path's region; where rays are no longer taken but still exist,
             # cells reach over its end.
-            inner = np.stack(
-                np.meshgrid(*2 * [np.linspace(0.0, 1.0, LOOKS[level > 0])], indexing="ij"), axis=-1
-            ).reshape(-1, 2)
-            _, course = self._look(cells, size, inner)
-            some = passage.taken(course).reshape(len(cells), -1).any(axis=1)
+            some = self._touched(cells, size) if level else self._touched_first()
             if not some.any() and level < 2:
                 cells, size = _halve(cells, size)  # a thin region may lie between the rays
                 continue
             cells, size = cells[some], size[some]
-            unknowns, course = self._look(cells, size, CORNERS)
+            share = cells[:, None] + size[:, None] * CORNERS
+            unknowns, course = self._look(share)
             if level == DEEPEST:
                 split = np.zeros(len(cells), dtype=bool)
             elif len(cells) < ENOUGH and level < DEEPEST - 1:
@@ -103,28 +109,72 @@ class Lattice:
                 split = ~course.exists.reshape(-1, 5).all(axis=1)
                 if level < DEEPEST - 2:
                     split |= _uneven([_arrays(line, unknowns.shape) for line in course.lines])
-            kept.append((unknowns[~split], np.stack([cells, size], axis=1)[~split]))
+            kept.append((share[~split], np.stack([cells, size], axis=1)[~split]))
             cells, size = _halve(cells[split], size[split])
             if not len(cells):
                 break
         if kept:
-            self.unknowns, self.cells = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+            share, cells = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+            share, found = self._drawn_in(share)
+            self.unknowns, self.cells = self._look(share)[0], cells[found]
 
-    def _look(self, cells, size, inner):
-        """Unknowns (C, K, 3) of rays at places `inner` (K, 2) of cells, and their course."""
-        share = cells[:, None] + size[:, None] * inner
-        places = tuple(part.ravel() for part in self.patch.places(share))
-        rays, _ = first_rays(self.passage.glass, self.passage.view, places)
-        flat = self._unknowns(rays)
-        unknowns = np.stack(flat, axis=-1).reshape(len(cells), len(inner), 3)
+    def _takes(self, share) -> NDArray[np.bool_]:
+        # Just inside the rectangle's edges: thin regions often lie along them.
+        share = np.clip(share, INSIDE, 1.0 - INSIDE)
+        flat = tuple(part.ravel() for part in self.patch.places(share))
+        return self.passage.takes(flat).reshape(share.shape[:-1])
+
+    def _touched_first(self) -> NDArray[np.bool_]:
+        """Cells of the first lattice that the path's region touches, or their neighbours'
+        nearer parts."""
+        rows, columns = (count * LOOKS + 1 for count in BASE)
+        share = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
+        takes = np.pad(self._takes(np.stack(share, axis=-1)), LOOKS // 2)
+        touched = np.zeros(BASE, dtype=bool)
+        for row in range(2 * LOOKS + 1):
+            part = takes[row : row + BASE[0] * LOOKS : LOOKS]
+            for column in range(2 * LOOKS + 1):
+                touched |= part[:, column : column + BASE[1] * LOOKS : LOOKS]
+        return touched.ravel()
+
+    def _touched(self, cells, size) -> NDArray[np.bool_]:
+        """Cells that the path's region touches, or comes near to."""
+        side = np.linspace(-AROUND, 1.0 + AROUND, LOOKS)
+        inner = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+        return self._takes(cells[:, None] + size[:, None] * inner).any(axis=1)
+
+    def _look(self, share):
+        """Unknowns (C, K, 3) of rays at shares (C, K, 2) of the rectangle, and their course."""
+        flat = tuple(part.ravel() for part in self.patch.places(share))
+        unknowns = np.stack(flat, axis=-1).reshape(*share.shape[:2], 3)
         return unknowns, self.passage.course(flat)
 
-    def _unknowns(self, rays) -> Unknowns:
-        if not self.passage.view.parallel:
-            return unit(rays.momentum)
-        direction = self.passage.view.direction
-        ahead = sum(o * d for o, d in zip(rays.place, direction, strict=True))
-        return tuple(o - ahead * d for o, d in zip(rays.place, direction, strict=True))
+    def _drawn_in(self, share):
+        """Cells (C, 5, 2) whose missing rays are drawn in to where rays exist; which have any."""
+        exists = self._look(share)[1].exists.reshape(-1, 5)
+        found = exists.any(axis=1)
+        share, exists = share[found].copy(), exists[found]
+        # A corner is drawn in along an edge, if it can: neighbours then leave no gap.
+        towards = np.broadcast_to(np.argmax(exists, axis=1)[:, None], exists.shape).copy()
+        towards[exists[:, 4]] = 4
+        for corner in range(4):
+            for neighbour in ((corner - 1) % 4, (corner + 1) % 4):
+                towards[exists[:, neighbour], corner] = neighbour
+        self._draw(share, *np.nonzero(~exists[:, :4]), towards)
+        middle = np.flatnonzero(~exists[:, 4])
+        share[middle, 4] = share[middle, :4].mean(axis=1)
+        missing = ~self._look(share[middle, 4:])[1].exists
+        self._draw(share, middle[missing], np.full(missing.sum(), 4), towards)
+        return share, found
+
+    def _draw(self, share, cell, ray, towards) -> None:
+        """Move rays of cells to where rays begin to exist on the way to other rays."""
+        inside, outside = share[cell, towards[cell, ray]], share[cell, ray]
+        for _ in range(DRAWN if len(cell) else 0):
+            half = 0.5 * (inside + outside)
+            there = self._look(half[:, None])[1].exists[:, None]
+            inside, outside = np.where(there, half, inside), np.where(there, outside, half)
+        share[cell, ray] = inside
 
     def on(self, stretch: int) -> Tubes:
         """The bundles on a stretch."""
@@ -139,18 +189,10 @@ class Lattice:
         place, axis = _arrays(course.lines[stretch], shape)
         ior = self.passage.glass.media[self.passage.media[stretch]]
         way = (course.ways[stretch] * ior).reshape(shape[:2])
-        exists = course.exists.reshape(shape[:2])
-        loose = ~exists[:, :4].all(axis=1)
-        # Missing rays are stood for by one that exists.
-        stand_in = np.argmax(exists, axis=1)
-        stand_in = np.where(exists[:, 4], 4, stand_in)
-        rows = np.arange(shape[0])[:, None]
-        column = np.where(exists, np.arange(5), stand_in[:, None])
-        place, axis, way = place[rows, column], axis[rows, column], way[rows, column]
         middle, along = place[:, 4], axis[:, 4]
-        first, second = (np.stack(part, axis=-1) for part in _basis(*along.T))
+        first, second = (np.stack(part, axis=-1) for part in basis(*along.T))
         facing = np.einsum("cjk,ck->cj", axis, along)
-        loose |= (facing < 0.3).any(axis=1)
+        loose = (facing < 0.3).any(axis=1)
         facing = np.maximum(facing, 0.3)
         offset = place - middle[:, None]
         ahead = np.einsum("cjk,ck->cj", offset, along)
@@ -482,7 +524,7 @@ class Search:
             sum(weight * u[:, corner, axis] for corner, weight in enumerate(weights))
             for axis in range(3)
         )
-        return blended if self.passage.view.parallel else unit(blended)
+        return self.passage.first.onto(blended)
 
     def images(self) -> tuple[Found, int]:
         """Images, and the most steps taken."""
@@ -520,13 +562,13 @@ class Search:
         aims = tuple(self.targets[found.index].T)
         with np.errstate(all="ignore"):
             one, other, bend = passage.weakest(unknowns, aims, self.stretch)
-            moved = passage.move(unknowns, NUDGE * one, NUDGE * other)
+            moved = passage.first.slide(unknowns, NUDGE * one, NUDGE * other)
             *_, bent, exists = passage.step(moved, aims, self.stretch)
             way = -2.0 * NUDGE * bend / (bent - bend)
             near = np.flatnonzero(exists & (np.abs(way) < ACROSS))
         some = tuple(part[near] for part in unknowns)
         way, one, other = way[near], one[near], other[near]
-        begins = passage.move(some, way * one, way * other)
+        begins = passage.first.slide(some, way * one, way * other)
         return self._settle(found.index[near], begins, some, tuple(a[near] for a in aims))[0]
 
     def _settle(self, index, unknowns, anchor, aims) -> tuple[Found, int]:
@@ -543,7 +585,7 @@ class Search:
         if len(again):
             some, goal = (tuple(part[again] for part in parts) for parts in (unknowns, aims))
             some, bend, _, rests = self.passage.solve(
-                some, some, goal, self.stretch, small=1e-12, most=6
+                some, some, goal, self.stretch, small=1e-12, most=MOST
             )
             found.put(again, self._describe(found.index[again], some, goal, bend))
         passes = np.flatnonzero(found.miss <= 10.0 * self._allowed())
@@ -576,7 +618,7 @@ class Search:
             residual,
             residual / (1.0 + np.abs(length)),
             on & passage.taken(course),
-            (bend > 0.0) != passage.mirrored(stretch),
+            bend * passage.upright_sign(stretch) > 0.0,
             ell * np.ones_like(residual),
             outward,
         )
@@ -588,6 +630,9 @@ PIECE = 262144
 SMALL_PIECE = 65536
 """Pairs of groups and cells looked at at once: they stay in a core's cache."""
 
+FARTHEST = 1e9
+"""Outer radii beyond which a target is moved nearer."""
+
 FAR_OFF = 3.0
 """Cells by which a target may lie outside the cell that tells its start."""
 
@@ -597,8 +642,9 @@ BLOCK = 8192
 NUDGE = 1e-6
 """Step of a derivative by the unknowns."""
 
-ACROSS = 0.1
-"""How far apart two images may be, radians, to be looked for across the fold between them."""
+ACROSS = 0.5
+"""How far apart on the first interface two rays may be, outer radii, to be looked for across the
+fold between them."""
 
 MOST = 12
 """Most steps of Newton's method from one start."""
@@ -677,9 +723,7 @@ class Central:
             return
         self.along = np.array(towards[:2]) / away
         share = lattice.patch.middle_line(self.along, CENTRAL)
-        places = tuple(part.ravel() for part in lattice.patch.places(share))
-        rays, _ = first_rays(passage.glass, view, places)
-        unknowns = lattice._unknowns(rays)
+        unknowns = tuple(part.ravel() for part in lattice.patch.places(share))
         real = passage.taken(passage.course(unknowns))
         line, exists = passage.line(unknowns, stretch)
         x, y, z = line.place
@@ -687,7 +731,7 @@ class Central:
         self.x, self.z = x * self.along[0] + y * self.along[1], z * np.ones_like(px)
         self.px = px * self.along[0] + py * self.along[1]
         # Out of the plane only one combination of the two slopes leads: the one across.
-        one, other = passage.basis if view.parallel else _basis(*unknowns)
+        one, other = passage.first.tangents(*unknowns)
         across = [-tilt[0] * self.along[1] + tilt[1] * self.along[0] for tilt in (one, other)]
         size = np.maximum(across[0] ** 2 + across[1] ** 2, 1e-300)
 
@@ -707,6 +751,10 @@ class Central:
         """+1 where the central ray to a circle (on its leg out or in) is upright, −1 upside down,
         0 where there is none."""
         result = np.zeros(len(radius), dtype=np.intp)
+        with np.errstate(all="ignore"):
+            return self._upright(result, radius, z, outward)
+
+    def _upright(self, result, radius, z, outward):
         slope = self.pz / np.where(self.px == 0.0, 1e-300, self.px)
         rows = max(1, PIECE // max(1, self.x.size))
         for begin in range(0, len(radius), rows):
@@ -716,7 +764,7 @@ class Central:
                 ahead = (x - self.x) / np.where(self.px == 0.0, 1e-300, self.px)
                 over = self.z + slope * (x - self.x) - z[some, None]
                 leg = ((side * self.px > 0.0) == outward[some, None]) & (ahead > -1e-9)
-                upright = self.off + ahead * self.turn > 0.0
+                upright = self.off > -ahead * self.turn
                 leg &= self.joined.ravel()
                 leg, over, upright = (
                     part.reshape(-1, *self.shape) for part in (leg, over, upright)
@@ -782,7 +830,9 @@ def axial_slots(
             inside = np.flatnonzero(glass.holds(lattice.passage.media[stretch], points))
             if not len(inside):
                 continue
-            search = Search(lattice, stretch, points[inside] / glass.scale, tolerance)
+            # Beyond any picture all points are equally far; their squares must not overflow.
+            targets = np.clip(points[inside] / glass.scale, -FARTHEST, FARTHEST)
+            search = Search(lattice, stretch, targets, tolerance)
             found, number = search.images()
             if not found.valid.any():
                 continue
@@ -839,15 +889,17 @@ def _written(passage: Passage, sheet, images: Found, inside, count: int, eye) ->
     """A slot of all points, in metres."""
     slot = Slot.blank(sheet, count, eye)
     scale = passage.glass.scale
+    towards = np.stack(passage.directions(tuple(images.unknowns.T))[0], axis=-1)
+    slot.direction[inside] = towards
+    distance = images.length
     if passage.view.parallel:
-        direction = np.array(passage.view.direction)
-        distance = images.length - passage.away
-        slot.direction[:] = direction
-        slot.position[inside] = (images.unknowns + distance[:, None] * direction) * scale
+        distance = distance - passage.away
+        ahead = np.sum(images.unknowns * towards, axis=1)
+        start = (images.unknowns - ahead[:, None] * towards) * scale
+        slot.direction[:] = passage.view.direction
     else:
-        distance = images.length
-        slot.direction[inside] = images.unknowns
-        slot.position[inside] = eye + (distance * scale)[:, None] * images.unknowns
+        start = eye
+    slot.position[inside] = start + (distance * scale)[:, None] * towards
     slot.distance[inside] = distance * scale
     slot.residual[inside] = images.residual * scale
     slot.valid[inside] = images.valid

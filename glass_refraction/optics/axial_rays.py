@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """One path through a glass of revolution: its rays by their unknowns, and Newton's method on them.
 
-A ray is told by its direction at the eye, a unit vector (in a parallel view: by where it crosses
-the plane through the origin). Newton's steps are taken in the plane tangent to it, so that no
-direction is special: neither along the axis nor through it. A target q, seen on a stretch whose
-line runs through o with momentum p, leaves e = q − o − t p; with A and B the slopes of o + t p by
-the two unknowns, the step is
+A ray is told by where it meets the first interface, and Newton's steps are taken along that
+surface. So no direction is special, neither along the axis nor through it; rays that graze the
+first interface are regular (told by their direction they would not be: there a path's end moves as
+the square root of it); and a parallel view differs from an eye by its slopes only. A target q, seen
+on a stretch whose line runs through o with momentum p, leaves e = q − o − t p; with A and B the
+slopes of o + t p by the two unknowns, the step is
 
     δa = (e × B) · p / D,  δb = (A × e) · p / D,  D = (A × B) · p,
 
-and D = 0 on caustics. D is positive as long as the image is upright (a mirror turns it over).
+and D = 0 on caustics. The sign of D tells whether the image is upright.
 """
 
 from __future__ import annotations
@@ -73,68 +74,144 @@ class Passage:
         self.stages = tuple(stages or ())
         self.media = tuple(media)
         self.ior = glass.media[self.view.medium]
-        if self.view.parallel:
-            direction = np.array(self.view.direction)
-            self.basis = _basis(*direction)
-            self.away = 2.0 + 2.0 * sum(abs(end) for end in glass.hull)
+        self.first = self.stages[0].surface if self.stages else None
+        self.away = 2.0 + 2.0 * sum(abs(end) for end in glass.hull)
 
-    def mirrored(self, stretch: int) -> bool:
-        """Whether an odd number of mirrors lies before a stretch."""
-        return sum(event == "R" for _, event in self.steps[:stretch]) % 2 == 1
+    def upright_sign(self, stretch: int) -> float:
+        """The sign that D has on a stretch for upright images."""
+        sign = 1.0 if self.stages[0].back else -1.0  # how the first surface's tangents turn
+        mirrors = sum(event == "R" for _, event in self.steps[:stretch])
+        return -sign if mirrors % 2 else sign
 
     # ---- rays ---------------------------------------------------------------------------
 
-    def begin(self, unknowns: Unknowns, slopes: bool) -> Rays:
-        """The rays at the eye."""
-        n = self.ior
-        if not self.view.parallel:
-            momentum = tuple(n * part for part in unknowns)
-            tilts = _basis(*unknowns) if slopes else ()
-            return Rays(
-                self.view.eye,
-                momentum,
-                tuple((0.0, 0.0, 0.0, *(n * part for part in tilt)) for tilt in tilts),
-            )
-        direction = self.view.direction
-        begin = tuple(u - self.away * d for u, d in zip(unknowns, direction, strict=True))
-        same = np.ones_like(unknowns[0])
-        tilts = self.basis if slopes else ()
-        return Rays(
-            begin,
-            tuple(n * part * same for part in direction),
-            tuple((*(part * same for part in tilt), 0.0, 0.0, 0.0) for tilt in tilts),
-        )
+    def directions(self, unknowns: Unknowns) -> tuple[tuple, Floats]:
+        """Unit directions of the rays that meet the first interface there, and their lengths.
+
+        In a parallel view lengths count from a plane `away` before the origin.
+        """
+        if self.view.parallel:
+            direction = self.view.direction
+            ahead = sum(q * d for q, d in zip(unknowns, direction, strict=True))
+            same = np.ones_like(ahead)
+            return tuple(part * same for part in direction), ahead + self.away
+        towards = tuple(q - e for q, e in zip(unknowns, self.view.eye, strict=True))
+        length = np.sqrt(sum(part * part for part in towards))
+        per = 1.0 / np.maximum(length, LEAST)
+        return tuple(part * per for part in towards), length
+
+    def begin(self, unknowns: Unknowns, slopes: bool):
+        """The rays at the first interface, before it, which come from its right side, and their
+        lengths up to there."""
+        n, stage = self.ior, self.stages[0]
+        direction, length = self.directions(unknowns)
+        normal = self.first.normal(*unknowns)
+        outward = sum(d * part for d, part in zip(direction, normal, strict=True))
+        exists = (outward > 0.0) if stage.back else (outward < 0.0)
+        tilts = []
+        if slopes:
+            per = n / np.maximum(length, LEAST)
+            for tangent in self.first.tangents(*unknowns):
+                if self.view.parallel:
+                    tilts.append((*tangent, 0.0, 0.0, 0.0))
+                    continue
+                along = sum(t * d for t, d in zip(tangent, direction, strict=True))
+                turned = ((t - along * d) * per for t, d in zip(tangent, direction, strict=True))
+                tilts.append((*tangent, *turned))
+        momentum = tuple(n * part for part in direction)
+        return Rays(tuple(unknowns), momentum, tuple(tilts)), exists, length
 
     def line(self, unknowns: Unknowns, stretch: int) -> tuple[Rays, NDArray[np.bool_]]:
         """The rays on one stretch, with slopes, and which of them come so far."""
-        rays = self.begin(unknowns, True)
-        exists = np.ones(len(unknowns[0]), dtype=bool)
-        for stage in self.stages[:stretch]:
-            way, ahead = stage.surface.meet(rays, stage.back)
+        # Rays that do not exist may overflow.
+        with np.errstate(all="ignore"):
+            return self._line(unknowns, stretch)
+
+    def _line(self, unknowns: Unknowns, stretch: int) -> tuple[Rays, NDArray[np.bool_]]:
+        rays, exists, _ = self.begin(unknowns, True)
+        for number, stage in enumerate(self.stages[:stretch]):
+            way, ahead = stage.surface.meet(rays, stage.back) if number else (0.0, True)
             rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain)
-            exists &= ahead & possible
+            exists = exists & ahead & possible
         return rays, exists
 
     def course(self, unknowns: Unknowns) -> Course:
         """The rays on every stretch, without slopes."""
-        # Rays that do not exist may overflow.
         with np.errstate(all="ignore"):
             return self._course(unknowns)
 
     def _course(self, unknowns: Unknowns) -> Course:
-        rays = self.begin(unknowns, False)
-        exists = np.ones(len(unknowns[0]), dtype=bool)
-        lines, ways, lengths, length = [rays], [], [0.0], 0.0
-        for stage, medium in zip(self.stages, self.media, strict=False):
-            way, ahead = stage.surface.meet(rays, stage.back)
+        rays, exists, length = self.begin(unknowns, False)
+        begin = tuple(
+            q - length * (p / self.ior) for q, p in zip(rays.place, rays.momentum, strict=True)
+        )
+        first = Rays(begin, rays.momentum)
+        lines, ways, lengths = [first], [length / self.ior], [0.0 * length, length]
+        for number, stage in enumerate(self.stages):
+            if number:
+                way, ahead = stage.surface.meet(rays, stage.back)
+                exists = exists & ahead
+                ways.append(way)
+                lengths.append(lengths[-1] + way * self.glass.media[self.media[number]])
+            else:
+                way = 0.0
+            before = rays
             rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain)
-            exists &= ahead & possible
-            length = length + way * self.glass.media[medium]
+            exists = exists & possible
+            if not np.all(exists):
+                # What does not exist stays where it was: its numbers must not grow.
+                rays = Rays(
+                    *(
+                        tuple(np.where(exists, new, old) for new, old in zip(*parts, strict=True))
+                        for parts in (
+                            (rays.place, before.place),
+                            (rays.momentum, before.momentum),
+                        )
+                    )
+                )
             lines.append(rays)
-            ways.append(way)
-            lengths.append(length)
-        ways.append(np.full(len(exists), np.inf))
+        ways.append(np.full(len(length), np.inf))
         return Course(lines, ways, lengths, exists)
+
+    def takes(self, unknowns: Unknowns) -> NDArray[np.bool_]:
+        """Which rays take the whole path; those that leave it are dropped on the way."""
+        result = np.zeros(len(unknowns[0]), dtype=bool)
+        with np.errstate(all="ignore"):
+            rays, exists, length = self.begin(unknowns, False)
+            index, way = np.arange(len(result)), 0.0
+            for number, stage in enumerate(self.stages):
+                if number:
+                    way, ahead = stage.surface.meet(rays, stage.back)
+                    exists = ahead & stage.surface.within(*rays.at(way))
+                    exists &= ~self._hidden(number, rays, way, exists)
+                else:
+                    exists &= stage.surface.within(*unknowns)
+                    begin = Rays(
+                        tuple(
+                            q - length * (p / self.ior)
+                            for q, p in zip(rays.place, rays.momentum, strict=True)
+                        ),
+                        rays.momentum,
+                    )
+                    exists &= ~self._hidden(0, begin, length / self.ior, exists)
+                rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain)
+                keep = np.flatnonzero(exists & possible)
+                rays, index = rays.take(keep), index[keep]
+            free = np.ones(len(index), dtype=bool)
+            free &= ~self._hidden(len(self.stages), rays, np.full(len(index), np.inf), free)
+            result[index[free]] = True
+        return result
+
+    def _hidden(self, number: int, rays: Rays, way, where) -> NDArray[np.bool_]:
+        """Which rays (of those `where`) meet something else before the end of a stretch."""
+        hidden = np.zeros(len(where), dtype=bool)
+        left = self.steps[number - 1][0] if number else None
+        met = self.steps[number][0] if number < len(self.steps) else None
+        if not self.glass.sure(self.media[number], left, met):
+            some = np.flatnonzero(where)
+            if len(some):
+                hidden[some] = self._blocked(number, met is None, rays, way, some)
+        return hidden
 
     def taken(self, course: Course) -> NDArray[np.bool_]:
         """Which rays take the whole path: every interface is met within its ends, and first."""
@@ -148,13 +225,7 @@ class Passage:
             if not last:
                 after = course.lines[number + 1]
                 taken &= self.stages[number].surface.within(*after.place)
-            left = self.steps[number - 1][0] if number else None
-            met = None if last else self.steps[number][0]
-            if self.glass.sure(self.media[number], left, met) or not taken.any():
-                continue
-            some = np.flatnonzero(taken)
-            blocked = self._blocked(number, last, line, way, some)
-            taken[some[blocked]] = False
+            taken &= ~self._hidden(number, line, way, taken)
         return taken
 
     def _blocked(self, number: int, last: bool, line: Rays, way, some) -> NDArray[np.bool_]:
@@ -179,14 +250,6 @@ class Passage:
         return blocked
 
     # ---- images -------------------------------------------------------------------------
-
-    def move(self, unknowns: Unknowns, first, second) -> Unknowns:
-        """Unknowns after steps along the two directions of their tangent plane."""
-        one, other = self.basis if self.view.parallel else _basis(*unknowns)
-        moved = tuple(
-            u + first * a + second * b for u, a, b in zip(unknowns, one, other, strict=True)
-        )
-        return moved if self.view.parallel else unit(moved)
 
     def _tangents(self, unknowns: Unknowns, targets, stretch: int):
         """Momentum p, e, A and B of the module's notes, and which rays exist."""
@@ -243,6 +306,8 @@ class Passage:
         steps = np.full(count, most, dtype=np.intp)
         rests = np.zeros(count, dtype=bool)
         index = np.arange(count)
+        # Close to the eye a short way is a wide angle.
+        nearness = np.minimum(self.directions(unknowns)[1], 1.0)
         here, good, aims = unknowns, anchor, targets
         for number in range(1, most + 1):
             if not len(index):
@@ -255,19 +320,21 @@ class Passage:
             factor = np.where(exists, np.minimum(1.0, LARGEST / np.fmax(size, LARGEST)), 0.0)
             if not exists.all():
                 first, second = np.where(exists, first, 0.0), np.where(exists, second, 0.0)
-            moved = self.move(here, first * factor, second * factor)
+            moved = self.first.slide(here, first * factor, second * factor)
             if not exists.all():
                 # Half way back to the last rays that exist.
-                for new, old, last in zip(moved, here, good, strict=True):
-                    np.copyto(new, 0.5 * (old + last), where=~exists)
-                if not self.view.parallel:
-                    moved = unit(moved)
+                half = self.first.onto(
+                    tuple(0.5 * (old + last) for old, last in zip(here, good, strict=True))
+                )
+                moved = tuple(
+                    np.where(exists, new, old) for new, old in zip(moved, half, strict=True)
+                )
                 good = tuple(
                     np.where(exists, new, old) for new, old in zip(here, good, strict=True)
                 )
             else:
                 good = here
-            done = exists & (size < small)
+            done = exists & (size < small * nearness[index])
             for whole, part in zip(result, moved, strict=True):
                 whole[index] = part
             determinant[index] = bend
@@ -290,14 +357,7 @@ HOPELESS, WANDERS = 6, 0.05
 """Steps after which a start is given up if it still takes such steps."""
 
 LARGEST = 0.5
-"""Longest step, radians (or outer radii in a parallel view)."""
-
-
-def unit(vectors) -> Unknowns:
-    """Vectors by components, of length 1."""
-    x, y, z = vectors
-    per = 1.0 / np.sqrt(x * x + y * y + z * z)
-    return x * per, y * per, z * per
+"""Longest step, outer radii."""
 
 
 def _cross(one, other):
@@ -308,7 +368,7 @@ def _cross(one, other):
     )
 
 
-def _basis(x, y, z):
+def basis(x, y, z):
     """Two unit vectors that make a right-handed frame with the unit vector (x, y, z) last.
 
     T. Duff et al., Building an Orthonormal Basis, Revisited (2017): without branches.

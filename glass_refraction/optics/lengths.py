@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .axial import AxialGlass, lengths_axial
 from .glasses import Glass
 from .paths import LightPath, as_path
 from .solver import in_blocks
@@ -42,9 +43,12 @@ def path_lengths(
         Index into ``glass.media`` of the medium each stretch runs in; 0 where the ray does not
         take the path. Rays of one path may differ here, if the glass has three interfaces or more.
     """
-    events = as_path(path).events
+    path = as_path(path)
+    events = path.events
     directions = np.atleast_2d(np.asarray(directions, dtype=float))
     eye = np.asarray(eye, dtype=float)
+    if isinstance(glass, AxialGlass):
+        return lengths_axial(glass, eye, directions, path)
     total, rows = len(directions), max(len(events) - 1, 0)
     origins = np.broadcast_to(eye, (total, 3))
     lengths, media = np.zeros((rows, total)), np.zeros((rows, total), dtype=np.intp)

@@ -24,6 +24,9 @@ Flags = NDArray[np.bool_]
 SKIN = 1e-12
 """How far behind its start, in outer radii, a ray may still meet an interface (rounding)."""
 
+HORIZON = 1e9
+"""Way in outer radii beyond which a plane is not met."""
+
 GRAZING = 1e-7
 """Angle in radians, seen from the axis, that a patch keeps from grazing incidence."""
 
@@ -158,6 +161,24 @@ class Cylinder:
         """Shares of a patch at the azimuths of `along` and against it."""
         return azimuth_lines(patch, along, count)
 
+    def tangents(self, x, y, z) -> tuple[tuple, tuple]:
+        """Two unit vectors along the surface, their cross product towards the front."""
+        per, none = 1.0 / self.radius, np.zeros_like(x)
+        return (-y * per, x * per, none), (none, none, none + 1.0)
+
+    def slide(self, place: tuple, first, second) -> tuple:
+        """Places moved along the surface by lengths along both tangents."""
+        x, y, z = place
+        angle = first * (1.0 / self.radius)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        return self.onto((x * cosine - y * sine, y * cosine + x * sine, z + second))
+
+    def onto(self, place: tuple) -> tuple:
+        """Places near the surface moved onto it."""
+        x, y, z = place
+        factor = self.radius / np.sqrt(np.maximum(x * x + y * y, LEAST))
+        return x * factor, y * factor, z
+
 
 @dataclass(frozen=True)
 class Plane:
@@ -171,7 +192,7 @@ class Plane:
         pz = rays.momentum[2]
         towards = pz > 0.0 if back else pz < 0.0
         way = (self.height - rays.place[2]) / np.where(towards, pz, 1.0)
-        ahead = towards & (way >= -SKIN) & (way < 1e100)
+        ahead = towards & (way >= -SKIN) & (way < HORIZON)
         return np.where(ahead, way, 0.0), ahead
 
     def within(self, x, y, z) -> Flags:
@@ -203,15 +224,24 @@ class Plane:
         else:
             rise = start.eye[2] - self.height
             seen = rise < 0.0 if back else rise >= 0.0
-        ends = (-self.outer, -self.outer), (self.outer, self.outer)
+        ends = (-np.pi, self.inner), (np.pi, self.outer)
         return Patch(self, *ends) if seen else None
 
-    def place(self, x, y) -> tuple:
-        return x, y, np.full_like(x, self.height)
+    def place(self, azimuth, radius) -> tuple:
+        return radius * np.cos(azimuth), radius * np.sin(azimuth), np.full_like(radius, self.height)
+
+    def tangents(self, x, y, z) -> tuple[tuple, tuple]:
+        none = np.zeros_like(x)
+        return (none + 1.0, none, none), (none, none + 1.0, none)
+
+    def slide(self, place: tuple, first, second) -> tuple:
+        return place[0] + first, place[1] + second, place[2]
+
+    def onto(self, place: tuple) -> tuple:
+        return place[0], place[1], np.full_like(place[0], self.height)
 
     def middle_line(self, patch: Patch, along, count: int) -> Floats:
-        reach = np.linspace(-0.5, 0.5, count)[:, None]
-        return (0.5 + reach * np.asarray(along))[None]
+        return azimuth_lines(patch, along, count)
 
 
 def azimuth_lines(patch: Patch, along, count: int) -> Floats:

@@ -16,6 +16,9 @@ from .surfaces import Cylinder, Plane
 
 OUTSIDE, GLASS, LIQUID = 0, 1, 2
 
+FAR = 1e12
+"""Outer radii beyond which all points are equally far."""
+
 
 @dataclass(frozen=True)
 class Tumbler(AxialGlass):
@@ -141,7 +144,8 @@ class Tumbler(AxialGlass):
         return {left, met} in ({"outer", "wet"}, {"outer", "dry"}, {"floor", "base"})
 
     def _place(self, points: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
-        x, y, z = (points[..., axis] / self.radius for axis in range(3))
+        # No point so far off needs more digits, and its square must not overflow.
+        x, y, z = np.moveaxis(np.clip(points / self.radius, -FAR, FAR), -1, 0)
         return np.sqrt(x * x + y * y), z
 
     def medium_at(self, points: NDArray[np.float64]) -> NDArray[np.intp]:
