@@ -126,6 +126,11 @@ def write_contents(folder: Path, contents: Contents) -> None:
     os.replace(new, path)
 
 
+def geometry_bytes(folder: Path) -> int:
+    """Size of the stored arrays. A Blender that renders all frames comes to hold them all."""
+    return sum(path.stat().st_size for path in (folder / GEOMETRY).glob("*/blobs/*.blob"))
+
+
 def frame_ranges(frames: list[int]) -> str:
     """Frames as a reader writes them: ``1-24, 30``."""
     ranges: list[list[int]] = []

@@ -7,7 +7,7 @@ import bpy
 
 from ..scene import update as door
 from ..scene.bake import Baking, free
-from ..scene.bake_files import frame_ranges
+from ..scene.bake_files import frame_ranges, geometry_bytes
 from ..scene.bake_playback import baked
 from ..scene.names import RefractiveGlassError, own
 
@@ -111,7 +111,8 @@ class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
         if dropped:
             self.report({"WARNING"}, f"Frames {dropped} no longer fit the scene and are gone")
         frames = frame_ranges(contents.frames)
-        self.report({"INFO"}, f"Baked frames {frames} in {baking.directory}: save the file")
+        size = f"{1e-6 * geometry_bytes(baking.folder):,.1f} MB"
+        self.report({"INFO"}, f"Baked frames {frames} in {baking.directory}, {size}: save the file")
         return {"FINISHED"}
 
     def _stop(self, context: bpy.types.Context, message: str) -> set[str]:
