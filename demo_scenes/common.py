@@ -401,6 +401,68 @@ def picture(name: str, pixels: np.ndarray) -> bpy.types.Image:
     return image
 
 
+def sky_picture(width: int = 512, height: int = 256) -> np.ndarray:
+    """Return an environment (height, width, 3), linear, top row first, over all directions.
+
+    A sky above a warm ground, three soft boxes as in a photographer's studio, and a row of lamps:
+    bright and dark, small and large, so that a glance shows whether directions are right.
+    Columns are longitudes, rows run from the zenith down.
+    """
+    longitude = (np.arange(width) + 0.5) / width * 360.0 - 180.0
+    latitude = 90.0 - (np.arange(height) + 0.5) / height * 180.0
+    longitude, latitude = np.meshgrid(longitude, latitude)
+
+    def soft(distance: np.ndarray, blur: float) -> np.ndarray:
+        # 1 inside, 0 outside, smooth over ``blur`` degrees.
+        step = np.clip(0.5 - distance / blur, 0.0, 1.0)
+        return (step * step * (3.0 - 2.0 * step))[..., None]
+
+    up = soft(-latitude, 6.0)
+    height_share = np.clip(latitude / 90.0, 0.0, 1.0)[..., None]
+    sky = np.array((0.75, 0.82, 0.90)) * (1 - height_share) + np.array((0.16, 0.30, 0.62)) * (
+        height_share
+    )
+    ground = (
+        np.array((0.22, 0.17, 0.12)) * (1.0 + 0.25 * np.cos(np.radians(6.0 * longitude)))[..., None]
+    )
+    result = up * sky + (1.0 - up) * ground
+    for middle, low, wide, high, light in (
+        (-150.0, 40.0, 34.0, 40.0, 2.4),
+        (-40.0, 30.0, 24.0, 56.0, 1.6),
+        (120.0, 25.0, 60.0, 16.0, 1.2),
+    ):
+        away = np.abs((longitude - middle + 180.0) % 360.0 - 180.0)
+        box = np.maximum(away - wide / 2, np.abs(latitude - low) - high / 2)
+        result = result + soft(box, 4.0) * (light - result)
+    for number in range(9):
+        away = (longitude - (number * 40.0 - 160.0) + 180.0) % 360.0 - 180.0
+        lamp = np.hypot(away, latitude - 8.0) - 2.5
+        result = result + soft(lamp, 2.0) * (np.array((3.0, 2.4, 1.5)) - result)
+    return result
+
+
+def sky_world(scene: bpy.types.Scene) -> bpy.types.World:
+    """Give the scene a world with :func:`sky_picture`, packed into the file."""
+    pixels = sky_picture()
+    height, width, _ = pixels.shape
+    image = bpy.data.images.new("Studio sky", width, height, float_buffer=True, is_data=False)
+    image.colorspace_settings.name = "Linear Rec.709"
+    rgba = np.ones((height, width, 4), dtype=np.float32)
+    rgba[..., :3] = pixels[::-1]
+    image.pixels.foreach_set(rgba.ravel())
+    image.update()
+    image.pack()
+    world = bpy.data.worlds.new("World")
+    scene.world = world
+    tree = world.node_tree
+    background = next(n for n in tree.nodes if n.type == "BACKGROUND")
+    texture = tree.nodes.new("ShaderNodeTexEnvironment")
+    texture.image = image
+    texture.location = (-320.0, 300.0)
+    tree.links.new(texture.outputs["Color"], background.inputs["Color"])
+    return world
+
+
 def image_texture(image: bpy.types.Image) -> ColourNodes:
     """``image`` laid over the UVs, repeated beyond 0..1."""
 

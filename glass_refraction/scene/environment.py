@@ -38,29 +38,37 @@ _IMAGES = ("origin", "direction")
 
 
 def surroundings(scene: bpy.types.Scene, shading: str) -> str:
-    """What the engine's rays have to look up beyond the copies.
+    """What the engine's rays look up where the copies do not show it.
 
     Returns
     -------
-    ``ALL`` : objects, lamps and the world (TRUE shading: the direct picture does not show all).
+    ``MIRRORED`` : objects, lamps and the world; paths with a mirror have no copies.
+    ``HIDDEN`` : the same, but every path has copies (their light is looked up in the direct
+        picture, which does not show all).
     ``WORLD`` : the world alone.
     empty : nothing; the world is one colour, or the engine shows none.
     """
     if scene.render.engine == "BLENDER_WORKBENCH":
         return ""
+    if scene.refractive_glass.mirrors == "RAYS" and scene.refractive_glass.surface == "GLASS":
+        return "MIRRORED"
     if shading == "TRUE":
-        return "ALL"
+        return "HIDDEN"
     return "" if is_uniform(scene.world) else "WORLD"
+
+
+def shows_objects(around: str) -> bool:
+    """Whether the rays meet the user's objects (``around`` as :func:`surroundings` has it)."""
+    return around in {"MIRRORED", "HIDDEN"}
 
 
 def needs_copies(path: optics.LightPath, around: str) -> bool:
     """Whether displaced copies show what is seen along the path.
 
     Mirrors show what lies behind the camera, beside the picture or the back of things: next to
-    nothing of it is in the direct picture, where the copies would look. With ``around`` at ``ALL``
-    the engine's own rays show all of it.
+    nothing of it is in the direct picture, where the copies would look.
     """
-    return around != "ALL" or "R" not in path.events
+    return around != "MIRRORED" or "R" not in path.events
 
 
 def is_uniform(world: bpy.types.World | None) -> bool:

@@ -29,6 +29,7 @@ from .environment import (
     needs_copies,
     ray_material,
     remove_unused_rays,
+    shows_objects,
     surroundings,
 )
 from .glasses import glass_modifier
@@ -41,6 +42,10 @@ from .texture_coordinates import remove_unused
 from .viewpoint import render_size
 from .visibility import rendered_objects
 
+FALLBACK_SHARE = 8
+"""What stands in where copies fail takes this part of the scene's samples."""
+LEAST_SAMPLES = 4
+"""Of a path's rays; with less, edges in what they show would not be smooth."""
 MASK_SAMPLES = 32
 """Of the outlines; they cost next to nothing."""
 ROLES = ("lookup", "mask", "displaced", "around")
@@ -167,7 +172,7 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     lamps = {o for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
     _match_linked(_child(layers.displaced, "lights"), lamps)
     shown = {o for o in rendered_objects(scene.view_layers[0]) if glass_modifier(o) is None}
-    _match_linked(_child(layers.around, "shown"), shown if around == "ALL" else set())
+    _match_linked(_child(layers.around, "shown"), shown if shows_objects(around) else set())
     for view_layer in layers.around.view_layers:
         for child in _layer_collections(view_layer):
             screen = child.collection
@@ -449,11 +454,17 @@ def _match_around(
     # The way through the screen counts as a transparent bounce.
     cycles.transparent_max_bounces = scene.cycles.transparent_max_bounces + 2
     for layer in around.view_layers:
-        if mode == "ALL":
-            share = importance.get(layer.name, 1.0)
-            layer.samples = max(1, math.ceil(samples * share))
+        path = optics.LightPath(layer.name.rpartition(" ")[2])
+        if not shows_objects(mode):
+            worth = WORLD_SAMPLES
+        elif needs_copies(path, mode):
+            # Only slivers that the copies leave out come from here.
+            worth = samples // FALLBACK_SHARE
         else:
-            layer.samples = min(samples, WORLD_SAMPLES)
+            worth = math.ceil(samples * importance.get(layer.name, 1.0))
+        worth = max(1, min(samples, max(worth, LEAST_SAMPLES)))
+        if layer.samples != worth:
+            layer.samples = worth
 
 
 def _emission_only(own_scene: bpy.types.Scene, samples: int, filter_width: float) -> None:

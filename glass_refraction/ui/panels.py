@@ -144,7 +144,14 @@ class _Scene:
         settings = context.scene.refractive_glass
         column = layout.column()
         column.active = settings.enabled
-        for name in ("shading", "surface", "lookup_samples", "tolerance_px", "min_weight"):
+        for name in (
+            "shading",
+            "surface",
+            "mirrors",
+            "lookup_samples",
+            "tolerance_px",
+            "min_weight",
+        ):
             column.prop(settings, name)
         for problem in door.status(context.scene).problems:
             draw_lines(layout, context, problem, "ERROR")

@@ -50,6 +50,25 @@ class SceneSettings(bpy.types.PropertyGroup):
         default="GLASS",
         update=_changed,
     )
+    mirrors: bpy.props.EnumProperty(
+        name="Mirrors",
+        description="How things mirrored in the glass are shown (Surface: Glass)",
+        items=(
+            (
+                "RAYS",
+                "Rays",
+                "Cycles follows each pixel's ray straight on from where it leaves the glass: "
+                "sharp, lit where things are, also what the camera does not see",
+            ),
+            (
+                "COPIES",
+                "Copies",
+                "Displaced copies, as along all other paths; large faces are subdivided finely",
+            ),
+        ),
+        default="RAYS",
+        update=_changed,
+    )
     min_weight: bpy.props.FloatProperty(
         name="Minimum Weight",
         description="Light paths that carry less than this part of the light of every ray are "

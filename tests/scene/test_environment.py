@@ -174,12 +174,16 @@ def test_last_rays_are_the_traced_ones_and_go_on_a_little_beyond_the_region():
 
 def test_only_a_world_with_a_texture_needs_to_be_looked_up():
     scenes.camera()
-    scene = scenes.settings()
+    scene = scenes.settings(surface="REFRACTION")
     assert is_uniform(None)
     _world(scene, WHITE)
     assert surroundings(scene, "DISPLACED") == ""
-    assert surroundings(scene, "TRUE") == "ALL"
+    assert surroundings(scene, "TRUE") == "HIDDEN"
     _world(scene)
+    assert surroundings(scene, "DISPLACED") == "WORLD"
+    scene.refractive_glass.surface = "GLASS"
+    assert surroundings(scene, "DISPLACED") == "MIRRORED"
+    scene.refractive_glass.mirrors = "COPIES"
     assert surroundings(scene, "DISPLACED") == "WORLD"
     scene.render.engine = "BLENDER_WORKBENCH"
     assert surroundings(scene, "TRUE") == ""
@@ -193,6 +197,7 @@ def test_the_users_objects_leave_the_own_scenes_unharmed():
     bpy.ops.scene.refractive_glass_update()
     assert wall in find_layers(scene).around.objects[:]
     scene.refractive_glass.shading = "DISPLACED"
+    scene.refractive_glass.mirrors = "COPIES"
     bpy.ops.scene.refractive_glass_update()
     assert wall not in find_layers(scene).around.objects[:]
     scene.refractive_glass.enabled = False
