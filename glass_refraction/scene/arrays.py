@@ -82,6 +82,18 @@ def write_attribute(
         attribute.data.foreach_set(field, np.ascontiguousarray(values, dtype).ravel())
 
 
+def write_polygons(mesh: bpy.types.Mesh, points: np.ndarray, polygons: np.ndarray) -> None:
+    """Fill an empty mesh with points (V, 3) and polygons of equal numbers of corners (F, k)."""
+    count, corners = polygons.shape
+    mesh.vertices.add(len(points))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points, np.float32).ravel())
+    mesh.loops.add(count * corners)
+    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(polygons, np.int32).ravel())
+    mesh.polygons.add(count)
+    mesh.polygons.foreach_set("loop_start", np.arange(0, count * corners, corners, dtype=np.int32))
+    mesh.update(calc_edges=True)
+
+
 def write_image(image: bpy.types.Image, pixels: np.ndarray) -> None:
     """Set all pixels (H, W, 4), bottom row first; the image is scaled to that size first."""
     height, width = pixels.shape[:2]

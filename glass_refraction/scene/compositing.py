@@ -17,8 +17,6 @@ from .names import TAG, hidden_name, own
 from .regions import Regions
 from .viewpoint import Viewpoint
 
-CHANNELS = 3
-"""Weights kept in one image: its colour channels. (Alpha would be multiplied into them.)"""
 DEPTH_TOLERANCE = 0.004
 """Relative difference of depth above which a place counts as hidden in the direct picture."""
 
@@ -94,21 +92,17 @@ def has_group(scene: bpy.types.Scene) -> bool:
     return tree is not None and any(n.get(TAG) == "group" for n in tree.nodes)
 
 
-def write_weights(
-    scene: bpy.types.Scene, pane: Pane, regions: Regions, view: Viewpoint, fresnel: bool
-) -> None:
+def write_weights(scene: bpy.types.Scene, pane: Pane, regions: Regions, view: Viewpoint) -> None:
     """Write a glass's path weights into the images that the node group reads."""
     x0, y0, x1, y1 = view.window
-    weights = regions.full(regions.weights, view.size)[:, y0:y1, x0:x1]
-    if fresnel:
-        # Light of the paths that were left out comes from where that of the others does.
-        total = weights.sum(axis=0)
-        weights = weights / np.where(total > 0, total, 1.0)
-    for number in range(0, len(weights), CHANNELS):
+    for number, shares in enumerate(regions.shares):
+        image = _find_image(_weight_name(scene, pane, number), "weights")
+        if image is None:
+            # The path's rays carry its weight with them.
+            continue
         pixels = np.ones((y1 - y0, x1 - x0, 4), np.float32)
-        for channel, plane in enumerate(weights[number : number + CHANNELS]):
-            pixels[..., channel] = plane
-        write_image(weight_image(scene, pane, number // CHANNELS), pixels)
+        pixels[..., :3] = regions.full(shares, view.size)[y0:y1, x0:x1, None]
+        write_image(image, pixels)
 
 
 def write_kernels() -> None:
@@ -123,19 +117,23 @@ def write_kernels() -> None:
         write_image(image, pixels)
 
 
-def weight_image(scene: bpy.types.Scene, pane: Pane, number: int) -> bpy.types.Image:
-    """The image that holds a glass's weights of paths 3 number to 3 number + 2."""
-    name = hidden_name("weights", scene.name, pane.glass.name, str(number))
-    return _own_image(name, "weights")
+def _weight_name(scene: bpy.types.Scene, pane: Pane, number: int) -> str:
+    return hidden_name("weights", scene.name, pane.glass.name, str(number))
 
 
-def _own_image(name: str, role: str) -> bpy.types.Image:
+def _find_image(name: str, role: str) -> bpy.types.Image | None:
     for image in bpy.data.images:
         if own(image, role) and image.name == name:
             return image
-    image = bpy.data.images.new(name, 4, 4, float_buffer=True, is_data=True)
-    image[TAG] = role
-    image.alpha_mode = "CHANNEL_PACKED"
+    return None
+
+
+def _own_image(name: str, role: str) -> bpy.types.Image:
+    image = _find_image(name, role)
+    if image is None:
+        image = bpy.data.images.new(name, 4, 4, float_buffer=True, is_data=True)
+        image[TAG] = role
+        image.alpha_mode = "CHANNEL_PACKED"
     return image
 
 
@@ -208,21 +206,25 @@ class _Group:
 
     def _through(self, pane: Pane, colour, alpha):
         """The picture with one more glass in it."""
-        weights = []
-        for number in range(0, len(pane.paths), CHANNELS):
+        # What no path brings is dark, not transparent: alpha lacks only what passes the scene.
+        seen_colour, passing = (0.0, 0.0, 0.0), 0.0
+        mirrored = pane.ray_layers(self.around).get(pane.mirror_layer, ())
+        if mirrored:
+            rays = self._layer(self.layers.around, pane.mirror_layer)
+            seen_colour = rays.outputs["Image"]
+            passing = self._math("SUBTRACT", 1.0, rays.outputs["Alpha"])
+        for number, path in enumerate(pane.paths):
+            if number in mirrored:
+                continue
             image = self._node("CompositorNodeImage")
-            image.image = weight_image(self.scene, pane, number // CHANNELS)
-            split = self._node("CompositorNodeSeparateColor")
-            self._link(image.outputs["Image"], split.inputs[0])
-            weights += list(split.outputs)[:CHANNELS]
-        # What no path brings is dark, not transparent.
-        seen_colour, seen_alpha = (0.0, 0.0, 0.0), 1.0
-        for weight in weights[: len(pane.paths)]:
-            seen_alpha = self._math("SUBTRACT", seen_alpha, weight)
-        for path, weight in zip(pane.paths, weights, strict=False):
+            image.image = _own_image(_weight_name(self.scene, pane, number), "weights")
+            weight = image.outputs["Image"]
             path_colour, path_alpha = self._path(pane, path)
-            seen_colour = self._vector("ADD", seen_colour, self._scaled(path_colour, weight))
-            seen_alpha = self._math("ADD", seen_alpha, self._math("MULTIPLY", path_alpha, weight))
+            part = self._vector("MULTIPLY", path_colour, weight)
+            seen_colour = self._vector("ADD", seen_colour, part)
+            through = self._math("MULTIPLY", self._math("SUBTRACT", 1.0, path_alpha), weight)
+            passing = self._math("ADD", passing, through)
+        seen_alpha = self._math("SUBTRACT", 1.0, passing)
         cover = self._mask(pane)
         beside = self._math("SUBTRACT", 1.0, cover)
         colour = self._vector("ADD", self._scaled(colour, beside), self._scaled(seen_colour, cover))
@@ -240,8 +242,6 @@ class _Group:
         if not self.true_shading:
             return self._drawn(pane, path)
         around = self._layer(self.layers.around, pane.layer(path))
-        if not pane.carried(path, self.around):
-            return around.outputs["Image"], around.outputs["Alpha"]
         where = self._layer(self.layers.lookup, pane.layer(path))
         split = self._node("CompositorNodeSeparateColor")
         self._link(self._subdivided(where.outputs["Image"]), split.inputs[0])

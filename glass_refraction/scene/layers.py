@@ -18,7 +18,6 @@ Nothing is added to the user's own view layers or collections.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import bpy
@@ -45,7 +44,7 @@ from .visibility import rendered_objects
 FALLBACK_SHARE = 8
 """What stands in where copies fail takes this part of the scene's samples."""
 LEAST_SAMPLES = 4
-"""Of a path's rays; with less, edges in what they show would not be smooth."""
+"""With less, edges in what rays show would not be smooth."""
 MASK_SAMPLES = 32
 """Of the outlines; they cost next to nothing."""
 ROLES = ("lookup", "mask", "displaced", "around")
@@ -54,6 +53,7 @@ DEPTH_LAYER = "depth"
 _KEY = "refractive_glass_key"
 _GLASS = "refractive_glass_name"
 _PATH = "refractive_glass_path"
+_LAYER = "refractive_glass_layer"
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,21 @@ class Pane:
     def layer(self, path: optics.LightPath) -> str:
         """Name of the view layer of one path, in both scenes."""
         return f"{self.glass.name} {path.events}"
+
+    @property
+    def mirror_layer(self) -> str:
+        """Name of the view layer of all paths that have no copies."""
+        return f"{self.glass.name} mirrored"
+
+    def ray_layers(self, around: str) -> dict[str, tuple[int, ...]]:
+        """View layers of what rays look up, and the numbers of the paths that each shows."""
+        if not around:
+            return {}
+        layers: dict[str, tuple[int, ...]] = {}
+        for number, path in enumerate(self.paths):
+            name = self.layer(path) if self.carried(path, around) else self.mirror_layer
+            layers[name] = (*layers.get(name, ()), number)
+        return layers
 
     @property
     def mask_layer(self) -> str:
@@ -123,15 +138,12 @@ class Layers:
                 return collection.objects[0]
         raise KeyError(glass_name)
 
-    def screen(self, glass_name: str, path: optics.LightPath) -> bpy.types.Object:
-        """The object that sends a path's rays on from where they leave the glass."""
+    def screen(self, glass_name: str) -> bpy.types.Mesh:
+        """The mesh that knows where a glass's rays go."""
         for collection in self.around.collection.children:
-            if own(collection, "screen") and (collection[_GLASS], collection[_PATH]) == (
-                glass_name,
-                path.events,
-            ):
-                return collection.objects[0]
-        raise KeyError((glass_name, path.events))
+            if own(collection, "screen") and collection[_GLASS] == glass_name:
+                return collection.objects[0].data
+        raise KeyError(glass_name)
 
 
 def source_of(copy: bpy.types.Object) -> bpy.types.Object | None:
@@ -160,13 +172,15 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     ``around`` as :func:`environment.surroundings` has it. Returns the layers and whether they were
     made anew (node trees must then follow).
     """
-    key = repr([(p.glass.name, [path.events for path in p.paths]) for p in panes])
+    key = repr(
+        [(p.glass.name, [path.events for path in p.paths], p.ray_layers(around)) for p in panes]
+    )
     layers = find_layers(scene)
     anew = layers is None or layers.lookup.get(_KEY) != key
     if anew:
         remove_layers(scene)
         layers = Layers(**{role: _own_scene(scene, role) for role in ROLES})
-        _make_layers(scene, layers, panes)
+        _make_layers(scene, layers, panes, around)
         layers.lookup[_KEY] = key
     _match_sources(layers, panes, around)
     lamps = {o for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
@@ -176,8 +190,7 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     for view_layer in layers.around.view_layers:
         for child in _layer_collections(view_layer):
             screen = child.collection
-            another = f"{screen.get(_GLASS)} {screen.get(_PATH)}" != view_layer.name
-            hidden = own(screen, "screen") and another
+            hidden = own(screen, "screen") and screen[_LAYER] != view_layer.name
             if child.exclude != hidden:
                 child.exclude = hidden
     for own_scene in layers.all():
@@ -225,7 +238,7 @@ def _own_scene(scene: bpy.types.Scene, role: str) -> bpy.types.Scene:
     return made
 
 
-def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane]) -> None:
+def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], around: str) -> None:
     lookup, displaced = layers.lookup, layers.displaced
     occluders = _new_collection("occluders", lookup, layers.mask)
     _new_collection("lights", displaced)
@@ -243,14 +256,13 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane]) -> N
             made[_GLASS], made[_PATH] = pane.glass.name, path.events
             copies[pane.layer(path)] = made
 
-    _make_around(scene, layers.around, panes)
+    _make_around(scene, layers.around, panes, around)
     first = lookup.view_layers[0]
     first.name = DEPTH_LAYER
     first.material_override = depth_material()
     _show_only(first, occluders)
     names = [pane.layer(path) for pane in panes for path in pane.paths]
     _name_layers(displaced, names)
-    _name_layers(layers.around, names)
     for number, pane in enumerate(panes):
         mask = layers.mask.view_layers[0] if number == 0 else None
         mask = mask or layers.mask.view_layers.new(pane.mask_layer)
@@ -266,19 +278,26 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane]) -> N
             _show_only(layer, copies[pane.layer(path)], _child(displaced, "lights"))
 
 
-def _make_around(scene: bpy.types.Scene, around: bpy.types.Scene, panes: list[Pane]) -> None:
+def _make_around(
+    scene: bpy.types.Scene, around: bpy.types.Scene, panes: list[Pane], mode: str
+) -> None:
     _new_collection("shown", around)
+    names = []
     for pane in panes:
         mesh = bpy.data.meshes.new(hidden_name("screen", pane.glass.name))
         mesh.materials.append(None)
-        for path in pane.paths:
+        for name, numbers in pane.ray_layers(mode).items():
+            names.append(name)
             screen = _new_collection("screen", around)
-            screen[_GLASS], screen[_PATH] = pane.glass.name, path.events
-            obj = _new_object("screen", mesh, screen, pane.glass.name, path.events)
+            screen[_GLASS], screen[_LAYER] = pane.glass.name, name
+            obj = _new_object("screen", mesh, screen, name)
             for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
                 setattr(obj, f"visible_{kind}", False)
-            obj.material_slots[0].link = "OBJECT"
-            obj.material_slots[0].material = ray_material(scene, pane.glass.name, path.events)
+            slot = obj.material_slots[0]
+            slot.link = "OBJECT"
+            weighed = name == pane.mirror_layer
+            slot.material = ray_material(f"{scene.name} {name}", numbers, weighed=weighed)
+    _name_layers(around, names)
 
 
 def _name_layers(own_scene: bpy.types.Scene, names: list[str]) -> None:
@@ -387,7 +406,6 @@ def match_settings(
     layers: Layers,
     rect: tuple[int, int, int, int],
     true_shading: bool,
-    importance: dict[str, float] | None = None,
 ) -> None:
     """Give the own scenes the user's camera and render settings.
 
@@ -395,7 +413,6 @@ def match_settings(
     ----------
     rect : the pixels that any glass covers; nothing else is rendered.
     true_shading : the copies are looked up; else they are drawn shaded only.
-    importance : each path layer's part of the light, which decides how many samples it is worth.
     """
     size = render_size(scene)
     around = surroundings(scene, "TRUE" if true_shading else "DISPLACED")
@@ -416,7 +433,7 @@ def match_settings(
     if around:
         # What the copies leave uncovered comes from the scene around.
         layers.displaced.render.film_transparent = True
-    _match_around(scene, layers.around, around, importance or {})
+    _match_around(scene, layers.around, around)
     _emission_only(layers.lookup, samples=1, filter_width=0.01)
     _emission_only(layers.mask, samples=MASK_SAMPLES, filter_width=FILTER_WIDTH)
     for own_scene, used in (
@@ -437,10 +454,8 @@ def _is_empty(layer: bpy.types.ViewLayer) -> bool:
     return bool(copies) and not any(c.objects for c in copies)
 
 
-def _match_around(
-    scene: bpy.types.Scene, around: bpy.types.Scene, mode: str, importance: dict[str, float]
-) -> None:
-    """Cycles, with as many samples of each path as its part of the light is worth."""
+def _match_around(scene: bpy.types.Scene, around: bpy.types.Scene, mode: str) -> None:
+    """Cycles; few samples where the copies leave little to show."""
     around.render.engine = "CYCLES"
     around.render.use_motion_blur = False
     cycles = around.cycles
@@ -453,16 +468,12 @@ def _match_around(
     cycles.use_layer_samples = "USE"
     # The way through the screen counts as a transparent bounce.
     cycles.transparent_max_bounces = scene.cycles.transparent_max_bounces + 2
+    mirrors = {f"{c[_GLASS]} mirrored" for c in around.collection.children if own(c, "screen")}
     for layer in around.view_layers:
-        path = optics.LightPath(layer.name.rpartition(" ")[2])
+        worth = samples if layer.name in mirrors else samples // FALLBACK_SHARE
         if not shows_objects(mode):
             worth = WORLD_SAMPLES
-        elif needs_copies(path, mode):
-            # Only slivers that the copies leave out come from here.
-            worth = samples // FALLBACK_SHARE
-        else:
-            worth = math.ceil(samples * importance.get(layer.name, 1.0))
-        worth = max(1, min(samples, max(worth, LEAST_SAMPLES)))
+        worth = min(samples, max(worth, LEAST_SAMPLES))
         if layer.samples != worth:
             layer.samples = worth
 

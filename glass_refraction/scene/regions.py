@@ -14,8 +14,10 @@ from .hull import first_face
 from .viewpoint import Viewpoint, read_viewpoint
 
 FILTER_WIDTH = 1.5
-"""Support of the pixel filter (Blackman-Harris, as Cycles' default), pixels."""
-SUBSAMPLES = 6
+"""Width of the pixel filter (Blackman-Harris), as Cycles counts it and has it by default."""
+SUPPORT = 2.0 * FILTER_WIDTH
+"""Pixels across which that filter is not zero: twice its width (Cycles, scene/film.cpp)."""
+SUBSAMPLES = 8
 """Rays a side across the filter's support, in pixels where a region ends."""
 
 
@@ -36,6 +38,9 @@ class Regions:
     inside : (P, h, w) bool: pixels that lie wholly in the region where rays take the path,
         every face met within its extent.
     hit : (h, w) bool: the ray through the pixel's centre meets the glass.
+    shares : (P, h, w) float32: as ``weights``, but with the light of paths that were left out
+        shared out among these in proportion, ray by ray: they sum to one. Without Fresnel's
+        equations the same as ``weights``.
     """
 
     rect: tuple[int, int, int, int]
@@ -43,6 +48,7 @@ class Regions:
     weights: np.ndarray
     inside: np.ndarray
     hit: np.ndarray
+    shares: np.ndarray
 
     def importance(self, path: optics.LightPath) -> float:
         """The weight that the path's light has on average where it has one: sum w^2 / sum w."""
@@ -105,18 +111,21 @@ def path_regions(
     rect = picture_rect(glass, view)
     x0, y0, x1, y1 = rect
     height, width = max(0, y1 - y0), max(0, x1 - x0)
-    rays = _Rays(glass, view, paths, fresnel)
+    rays = PathRays(glass, view, paths, fresnel)
     x, y = np.meshgrid(x0 + 0.5 + np.arange(width), y0 + 0.5 + np.arange(height))
     weights, hit, taken = rays.weights(x.ravel(), y.ravel())
-    weights = weights.reshape(-1, height, width)
+    # The paths' weights first, then their shares.
+    weights = np.concatenate((weights, rays.shared(weights))).reshape(-1, height, width)
     hit = hit.reshape(height, width)
     taken = taken.reshape(-1, height, width)
 
-    border = _border(np.concatenate((taken, hit[None])))
+    # The filter reaches beyond the next pixel.
+    border = border_pixels(np.concatenate((taken, hit[None])))
+    border = border_pixels(border[None]) | border
     inside = np.zeros_like(taken)
     if exact and taken.size:
         inside = rays.bounded(x.ravel(), y.ravel()).reshape(taken.shape)
-        inside &= ~_border(inside)
+        inside &= ~border_pixels(inside)
     if smooth:
         rows, columns = np.nonzero(border)
         edge_weights, edge_cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
@@ -124,10 +133,11 @@ def path_regions(
         known = hit.copy()
         known[rows, columns] = edge_cover > 0
         _spread(weights, known)
-    return Regions(rect, paths, weights.astype(np.float32), inside, hit)
+    weights, shares = weights.astype(np.float32).reshape(2, len(paths), height, width)
+    return Regions(rect, paths, weights, inside, hit, shares)
 
 
-class _Rays:
+class PathRays:
     """Path weights of a glass along rays through pixel coordinates."""
 
     def __init__(self, glass: Glass, view: Viewpoint, paths, fresnel: bool) -> None:
@@ -148,6 +158,13 @@ class _Rays:
         if not self.fresnel:
             found = (taken & self.refracting[:, None]).astype(float)
         return found, hit, taken
+
+    def shared(self, weights: np.ndarray) -> np.ndarray:
+        """(P, M) weights that sum to one: what other paths bring is shared out among these."""
+        if not self.fresnel:
+            return weights
+        total = weights.sum(axis=0)
+        return weights / np.where(total > 0, total, 1.0)
 
     def bounded(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(P, M) whether the path is taken with every face met within its extent."""
@@ -176,17 +193,33 @@ class _Rays:
         return crossed
 
     def filtered(self, x: np.ndarray, y: np.ndarray):
-        """Means over the pixel filter of the rays that meet the glass (P, M); their share (M,)."""
-        offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
-        window = blackman_harris(offsets)
-        dx, dy = (FILTER_WIDTH * o.ravel() for o in np.meshgrid(offsets, offsets))
+        """Means over the pixel filter of the rays that meet the glass (2 P, M); their part (M,).
+
+        The means are those of the weights, then of the shares.
+        """
+        dx, dy = _filter_places()
         found, hit, _ = self.weights((x[:, None] + dx).ravel(), (y[:, None] + dy).ravel())
-        kernel = np.outer(window, window).ravel()
-        hit = hit.reshape(len(x), -1) * kernel
-        total = np.einsum("pmk,mk->pm", found.reshape(len(self.paths), *hit.shape), hit)
+        found = np.concatenate((found, self.shared(found)))
+        hit = hit.reshape(len(x), -1)
+        total = np.einsum("pmk,mk->pm", found.reshape(len(found), *hit.shape), hit)
         cover = hit.sum(axis=1)
-        share = cover / window.sum() ** 2
-        return total / np.where(cover > 0, cover, 1.0), share
+        return total / np.where(cover > 0, cover, 1.0), cover / len(dx)
+
+
+def _filter_places() -> np.ndarray:
+    """Offsets (2, SUBSAMPLES) in pixels, spread as densely as the pixel filter is high.
+
+    Hammersley's points: every one has an x and a y of its own, so that borders along either are
+    met at many places.
+    """
+    fine = (np.arange(4096) + 0.5) / 4096 - 0.5
+    below = np.cumsum(blackman_harris(fine))
+    number = np.arange(SUBSAMPLES)
+    mirrored = np.zeros(SUBSAMPLES)
+    for bit in range(SUBSAMPLES.bit_length()):
+        mirrored += (number >> bit & 1) * 0.5 ** (bit + 1)
+    shares = np.stack((number / SUBSAMPLES, mirrored)) + 0.5 / SUBSAMPLES
+    return SUPPORT * np.interp(shares * below[-1], below, fine)
 
 
 def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -195,7 +228,7 @@ def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
 
 
-def _border(labels: np.ndarray) -> np.ndarray:
+def border_pixels(labels: np.ndarray) -> np.ndarray:
     """Pixels (h, w) of which a neighbour differs in any of the boolean labels (K, h, w)."""
     border = np.zeros(labels.shape[1:], bool)
     for dy in (-1, 0, 1):

@@ -26,7 +26,7 @@ from .bake_playback import bake_problems, is_held
 from .changes import generation
 from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
 from .copies import write_copy, write_true_mesh
-from .environment import is_uniform, surroundings, write_rays, write_screen
+from .environment import is_uniform, surroundings, write_screen
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
 from .layers import (
@@ -44,6 +44,7 @@ from .motion_blur import frame_time, keep_moment
 from .names import RefractiveGlassError
 from .panes import kept_paths, standing_panes
 from .regions import Regions, path_regions, picture_rect
+from .screen import build_screen
 from .sources import (
     Snapshot,
     is_carried,
@@ -73,6 +74,8 @@ __all__ = [
 ]
 
 MAX_TOLERANCE_PX = 8.0
+NEAREST = 1.1
+"""Of the camera's clip start: how far before it stands what no object may be nearer than."""
 
 
 def effective_shading(scene: bpy.types.Scene) -> str:
@@ -215,7 +218,6 @@ def updating(
     panes = standing_panes(scene, layers, depsgraph, problems)
     copies = layers.copies()
     rects = []
-    importance: dict[str, float] = {}
     done = 0
     for pane, glass in panes:
         try:
@@ -224,7 +226,6 @@ def updating(
             problems.append(str(error))
             continue
         rects.append(regions.rect)
-        importance |= {pane.layer(path): regions.importance(path) for path in pane.paths}
         for path in pane.paths:
             task = _Task(scene, memory, pane, glass, path, view, regions, depsgraph, exact)
             for label in task.updating(copies):
@@ -233,7 +234,7 @@ def updating(
     _update_occluders(layers, memory, depsgraph)
     if is_render:
         true_shading = effective_shading(scene) == "TRUE"
-        match_settings(scene, layers, _union(rects), true_shading, importance)
+        match_settings(scene, layers, _union(rects), true_shading)
     shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
     memory.status = Status(
         vertices=sum(shape.vertices for shape in shapes),
@@ -284,20 +285,14 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
     regions = path_regions(glass, view, pane.paths, fresnel=fresnel)
     counters["masks"] += 1
     counters["mask_pixels"] += regions.hit.size
-    write_weights(scene, pane, regions, view, fresnel)
+    write_weights(scene, pane, regions, view)
     _write_hull(layers.hull(pane.glass.name), glass, view)
     if around:
-        _write_rays(scene, layers, pane, glass, view, regions)
+        screen = build_screen(glass, view, regions, fresnel=fresnel)
+        depth = NEAREST * scene.camera.data.clip_start
+        write_screen(layers.screen(pane.glass.name), view, screen, depth)
     memory.regions[pane.glass.name] = (stamp, regions)
     return regions
-
-
-def _write_rays(scene, layers: Layers, pane: Pane, glass: Glass, view, regions: Regions) -> None:
-    for number, path in enumerate(pane.paths):
-        screen = layers.screen(pane.glass.name, path)
-        if number == 0:
-            write_screen(screen.data, view, regions, 1.1 * scene.camera.data.clip_start)
-        write_rays(screen.material_slots[0].material, glass, view, path, regions)
 
 
 def _write_hull(hull: bpy.types.Object, glass: Glass, view: Viewpoint) -> None:

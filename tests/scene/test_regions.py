@@ -15,6 +15,9 @@ from glass_refraction.scene.hull import faces_eye, first_face
 from glass_refraction.scene.names import RefractiveGlassError
 from glass_refraction.scene.region_map import write_region_map
 from glass_refraction.scene.regions import (
+    FILTER_WIDTH,
+    SUPPORT,
+    blackman_harris,
     crossing_counts,
     path_regions,
     picture_rect,
@@ -121,7 +124,7 @@ def test_border_pixels_hold_the_covered_part():
         + 0.01168 * np.cos(3 * angle)
     )
     weight = np.outer(window, window).ravel()
-    dx, dy = (o.ravel() * 1.5 for o in np.meshgrid(offsets, offsets))
+    dx, dy = (o.ravel() * SUPPORT for o in np.meshgrid(offsets, offsets))
     for row, column in list(zip(*np.nonzero(partial), strict=True))[::7]:
         _, directions = view.rays(x0 + column + 0.5 + dx, y0 + row + 0.5 + dy)
         eye, local = glass.to_local(view.eye), glass.direction_to_local(directions)
@@ -134,6 +137,22 @@ def test_border_pixels_hold_the_covered_part():
         assert found.weights[0][row, column] == pytest.approx(
             weight[traced].sum() / cover, abs=0.06
         )
+
+
+def test_the_pixel_filter_is_the_one_that_cycles_has(tmp_path):
+    # A half plane of light, its border at pixel 10.3: the picture is the filter's integral.
+    data = {"type": "ORTHO", "ortho_scale": 20.0}
+    scenes.camera(location=(0.0, 0.0, 5.0), tilt=0.0, **data)
+    scene = scenes.settings(20, 4, samples=1024)
+    scene.cycles.filter_width = FILTER_WIDTH
+    bpy.ops.mesh.primitive_plane_add(size=200.0, location=(100.3, 0.0, 0.0))
+    bpy.context.object.data.materials.append(scenes.emissive("light", (1.0, 1.0, 1.0)))
+    found = scenes.picture(scene, tmp_path)[2, :, 0]
+    offsets = (np.arange(4000) + 0.5) / 4000 - 0.5
+    window = blackman_harris(offsets)
+    places = np.arange(20)[:, None] + 0.5 + SUPPORT * offsets
+    expected = ((places > 10.3) * window).sum(axis=1) / window.sum()
+    np.testing.assert_allclose(found, expected, atol=0.02)
 
 
 def test_all_that_the_glass_covers_lies_in_its_rectangle():
