@@ -368,14 +368,14 @@ def sample_rays(glass: AxialGlass, view: Viewpoint, rows: int, columns: int) -> 
             ),
             axis=-1,
         ).reshape(-1, 2)
-        places = patch.places(grid)
+        places = patch.places(grid)[:3]
         rays, way = first_rays(glass, view, places)
         met, _ = nearest(glass, view.medium, rays)
         seen = np.flatnonzero(met == number)
         # The patch's own area, as the parallelogram of small steps.
         small = 1e-3
         one, other = (
-            [(a - b) / small for a, b in zip(patch.places(grid + step), places, strict=True)]
+            [(a - b) / small for a, b in zip(patch.places(grid + step)[:3], places, strict=True)]
             for step in ((small, 0.0), (0.0, small))
         )
         across = np.cross(np.stack(one, axis=-1), np.stack(other, axis=-1))

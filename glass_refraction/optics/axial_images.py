@@ -26,9 +26,6 @@ from .paths import LightPath, ParallelView
 from .solver import in_blocks
 from .surfaces import Floats
 
-BASE = (24, 12)
-"""Cells of the first lattice over the first interface."""
-
 ENOUGH = 40
 """Cells that a path's region should have before refinement."""
 
@@ -43,9 +40,6 @@ INSIDE = 1e-4
 
 AROUND = 0.3
 """Parts of a cell around it in which the path's region counts as touching it."""
-
-LOOKS = 8
-"""Rays along each side of a cell that tell whether the path's region touches it."""
 
 UNEVEN = 0.15
 """How far the middle ray of a cell may lie from its corners' mean, in sizes of the cell."""
@@ -85,11 +79,11 @@ class Lattice:
         self.tubes: dict[int, Tubes] = {}
         if self.patch is None:
             return
-        rows, columns = BASE
+        rows, columns = self.patch.base
         cells = np.stack(
             np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1
         ).reshape(-1, 2) / (rows, columns)
-        size = np.broadcast_to(1.0 / np.array(BASE), cells.shape)
+        size = np.broadcast_to(1.0 / np.array(self.patch.base), cells.shape)
         kept = []
         for level in range(DEEPEST + 1):
             # The cells of the path's region; where rays are no longer taken but still exist,
@@ -108,7 +102,7 @@ class Lattice:
             else:
                 split = ~course.exists.reshape(-1, 5).all(axis=1)
                 if level < DEEPEST - 2:
-                    split |= _uneven([_arrays(line, unknowns.shape) for line in course.lines])
+                    split |= _uneven([_arrays(line, unknowns.shape[:2]) for line in course.lines])
             kept.append((share[~split], np.stack([cells, size], axis=1)[~split]))
             cells, size = _halve(cells[split], size[split])
             if not len(cells):
@@ -116,7 +110,9 @@ class Lattice:
         if kept:
             share, cells = (np.concatenate(parts) for parts in zip(*kept, strict=True))
             share, found = self._drawn_in(share)
-            self.unknowns, self.cells = self._look(share)[0], cells[found]
+            self.unknowns, course = self._look(share)
+            self.cells = cells[found]
+            self.marks = [None if mark is None else mark[:, 4::5] for mark in course.marks]
 
     def _takes(self, share) -> NDArray[np.bool_]:
         # Just inside the rectangle's edges: thin regions often lie along them.
@@ -127,26 +123,38 @@ class Lattice:
     def _touched_first(self) -> NDArray[np.bool_]:
         """Cells of the first lattice that the path's region touches, or their neighbours'
         nearer parts."""
-        rows, columns = (count * LOOKS + 1 for count in BASE)
+        base, looks = self.patch.base, self.patch.looks
+        rows, columns = (count * looks + 1 for count in base)
         share = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
-        takes = np.pad(self._takes(np.stack(share, axis=-1)), LOOKS // 2)
-        touched = np.zeros(BASE, dtype=bool)
-        for row in range(2 * LOOKS + 1):
-            part = takes[row : row + BASE[0] * LOOKS : LOOKS]
-            for column in range(2 * LOOKS + 1):
-                touched |= part[:, column : column + BASE[1] * LOOKS : LOOKS]
+        self.grid = self._takes(np.stack(share, axis=-1))
+        takes = np.pad(self.grid, looks // 2)
+        touched = np.zeros(base, dtype=bool)
+        for row in range(2 * looks + 1):
+            part = takes[row : row + base[0] * looks : looks]
+            for column in range(2 * looks + 1):
+                touched |= part[:, column : column + base[1] * looks : looks]
+        self.inner = _eroded(self.grid)
         return touched.ravel()
+
+    def certain(self, unknowns: Unknowns) -> NDArray[np.bool_]:
+        """Rays deep within the path's region: they need no proof that they take it."""
+        rows, columns = self.inner.shape
+        first, second = self.patch.shares(unknowns)
+        row, column = np.rint(first * (rows - 1)), np.rint(second * (columns - 1))
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        row, column = (np.where(inside, part, 0).astype(np.intp) for part in (row, column))
+        return inside & self.inner[row, column]
 
     def _touched(self, cells, size) -> NDArray[np.bool_]:
         """Cells that the path's region touches, or comes near to."""
-        side = np.linspace(-AROUND, 1.0 + AROUND, LOOKS)
+        side = np.linspace(-AROUND, 1.0 + AROUND, self.patch.looks)
         inner = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
         return self._takes(cells[:, None] + size[:, None] * inner).any(axis=1)
 
     def _look(self, share):
         """Unknowns (C, K, 3) of rays at shares (C, K, 2) of the rectangle, and their course."""
         flat = tuple(part.ravel() for part in self.patch.places(share))
-        unknowns = np.stack(flat, axis=-1).reshape(*share.shape[:2], 3)
+        unknowns = np.stack(flat, axis=-1).reshape(*share.shape[:2], len(flat))
         return unknowns, self.passage.course(flat)
 
     def _drawn_in(self, share):
@@ -183,12 +191,12 @@ class Lattice:
         return self.tubes[stretch]
 
     def _tubes(self, stretch: int) -> Tubes:
-        shape = self.unknowns.shape
-        flat = tuple(self.unknowns[..., axis].ravel() for axis in range(3))
+        shape = self.unknowns.shape[:2]
+        flat = tuple(np.moveaxis(self.unknowns, -1, 0).reshape(self.unknowns.shape[-1], -1))
         course = self.passage.course(flat)
         place, axis = _arrays(course.lines[stretch], shape)
         ior = self.passage.glass.media[self.passage.media[stretch]]
-        way = (course.ways[stretch] * ior).reshape(shape[:2])
+        way = (course.ways[stretch] * ior).reshape(shape)
         middle, along = place[:, 4], axis[:, 4]
         first, second = (np.stack(part, axis=-1) for part in basis(*along.T))
         facing = np.einsum("cjk,ck->cj", axis, along)
@@ -236,11 +244,21 @@ def _arrays(line, shape) -> tuple[Floats, Floats]:
     """Places and unit directions of rays as (C, 5, 3)."""
     count = shape[0] * shape[1]
     place, momentum = (
-        np.stack([np.broadcast_to(part, count) for part in parts], axis=-1).reshape(shape)
+        np.stack([np.broadcast_to(part, count) for part in parts], axis=-1).reshape(*shape, 3)
         for parts in (line.place, line.momentum)
     )
     size = np.sqrt(np.sum(momentum * momentum, axis=-1, keepdims=True))
     return place, momentum / np.maximum(size, 1e-300)
+
+
+def _eroded(grid) -> NDArray[np.bool_]:
+    """Places of a grid whose neighbours up to two off are set too."""
+    padded = np.pad(grid, 2)
+    result = grid.copy()
+    for row in range(5):
+        for column in range(5):
+            result &= padded[row : row + grid.shape[0], column : column + grid.shape[1]]
+    return result
 
 
 def _halve(cells, size):
@@ -356,7 +374,7 @@ class Search:
         self.columns = tuple(np.ascontiguousarray(part) for part in targets.T)
 
     def starts(self):
-        """Candidates: target, unknowns (3 parts), and unknowns of a ray that exists."""
+        """Candidates: target, unknowns, those of a ray that exists, and its marks."""
         groups = cluster(self.targets)
         group, cell, self.nearest = self._pairs(groups)
         calm, best = self._calm(groups, group, cell)
@@ -381,15 +399,19 @@ class Search:
                 shares = np.broadcast_to(inset, (len(folded), 2))
                 found.append((target[some][folded], cell[some][folded], shares))
         index, cells, shares = (np.concatenate(part) for part in zip(*found, strict=True))
-        anchor = tuple(self.lattice.unknowns[cells, 4, axis] for axis in range(3))
-        return index, self._blend(cells, shares), anchor
+        anchor = tuple(self.lattice.unknowns[cells, 4].T)
+        return index, self._blend(cells, shares), anchor, self._marks(cells)
+
+    def _marks(self, cells):
+        return [None if mark is None else mark[:, cells] for mark in self.lattice.marks]
 
     def waiting(self, index) -> Found:
         """The rays that come nearest to targets without an image."""
         cells = self.nearest[index]
         shares, _, _ = self._shares(index, cells)
         unknowns = self._blend(cells, np.clip(shares, -0.5, 0.5))
-        return self._describe(index, unknowns, tuple(self.targets[index].T), np.ones(len(index)))
+        aims = tuple(self.targets[index].T)
+        return self._describe(index, unknowns, aims, np.ones(len(index)), self._marks(cells))
 
     def _pairs(self, groups: Clusters):
         """Which groups may have targets in which tubes, and the tube nearest to each target."""
@@ -522,13 +544,13 @@ class Search:
         )
         blended = tuple(
             sum(weight * u[:, corner, axis] for corner, weight in enumerate(weights))
-            for axis in range(3)
+            for axis in range(u.shape[-1])
         )
         return self.passage.first.onto(blended)
 
     def images(self) -> tuple[Found, int]:
         """Images, and the most steps taken."""
-        index, unknowns, anchor = self.starts()
+        index, unknowns, anchor, marks = self.starts()
         count = len(index)
         parts: list[tuple[int, Found, int]] = []
 
@@ -536,7 +558,8 @@ class Search:
             aims = tuple(self.targets[index[block]].T)
             some = tuple(part[block] for part in unknowns)
             sure = tuple(part[block] for part in anchor)
-            parts.append((block.start, *self._settle(index[block], some, sure, aims)))
+            near = [None if mark is None else mark[:, block] for mark in marks]
+            parts.append((block.start, *self._settle(index[block], some, sure, aims, near)))
 
         if count:
             in_blocks(work, count, BLOCK)
@@ -561,43 +584,48 @@ class Search:
         unknowns = tuple(found.unknowns.T)
         aims = tuple(self.targets[found.index].T)
         with np.errstate(all="ignore"):
-            one, other, bend = passage.weakest(unknowns, aims, self.stretch)
+            one, other, bend, marks = passage.weakest(unknowns, aims, self.stretch)
             moved = passage.first.slide(unknowns, NUDGE * one, NUDGE * other)
-            *_, bent, exists = passage.step(moved, aims, self.stretch)
+            _, _, bent, exists, marks = passage.step(moved, aims, self.stretch, marks)
             way = -2.0 * NUDGE * bend / (bent - bend)
             near = np.flatnonzero(exists & (np.abs(way) < ACROSS))
         some = tuple(part[near] for part in unknowns)
         way, one, other = way[near], one[near], other[near]
         begins = passage.first.slide(some, way * one, way * other)
-        return self._settle(found.index[near], begins, some, tuple(a[near] for a in aims))[0]
+        marks = [None if mark is None else mark[:, near] for mark in marks]
+        marks += [None] * (len(passage.stages) - len(marks))
+        aims = tuple(part[near] for part in aims)
+        return self._settle(found.index[near], begins, some, aims, marks)[0]
 
-    def _settle(self, index, unknowns, anchor, aims) -> tuple[Found, int]:
+    def _settle(self, index, unknowns, anchor, aims, marks) -> tuple[Found, int]:
         """Solve from all starts; what meets its target, described."""
         fine = self.tolerance <= 1e-8
         small = 1e-6 if fine else 0.03 * self.tolerance**0.5
-        unknowns, bend, steps, rests = self.passage.solve(
-            unknowns, anchor, aims, self.stretch, small=small, most=MOST
+        unknowns, bend, steps, rests, marks = self.passage.solve(
+            unknowns, anchor, aims, self.stretch, marks, small=small, most=MOST
         )
         keep = np.flatnonzero(rests)
         unknowns, aims = (tuple(part[keep] for part in parts) for parts in (unknowns, aims))
-        found = self._describe(index[keep], unknowns, aims, bend[keep])
+        marks = [None if mark is None else mark[:, keep] for mark in marks]
+        found = self._describe(index[keep], unknowns, aims, bend[keep], marks)
         again = np.flatnonzero(found.miss > self._allowed())
         if len(again):
             some, goal = (tuple(part[again] for part in parts) for parts in (unknowns, aims))
-            some, bend, _, rests = self.passage.solve(
-                some, some, goal, self.stretch, small=1e-12, most=MOST
+            marks = [None if mark is None else mark[:, again] for mark in marks]
+            some, bend, _, _, marks = self.passage.solve(
+                some, some, goal, self.stretch, marks, small=1e-12, most=MOST
             )
-            found.put(again, self._describe(found.index[again], some, goal, bend))
+            found.put(again, self._describe(found.index[again], some, goal, bend, marks))
         passes = np.flatnonzero(found.miss <= 10.0 * self._allowed())
         return found.take(passes), int(steps[keep].max(initial=0))
 
     def _allowed(self) -> float:
         return max(self.tolerance * 0.03, 1e-12)
 
-    def _describe(self, index, unknowns, aims, bend) -> Found:
+    def _describe(self, index, unknowns, aims, bend, marks) -> Found:
         """Where rays run that should meet targets."""
         passage, stretch = self.passage, self.stretch
-        course = passage.course(unknowns)
+        course = passage.course(unknowns, marks)
         line = course.lines[stretch]
         ior = passage.glass.media[passage.media[stretch]]
         e = [q - o for q, o in zip(aims, line.place, strict=True)]
@@ -606,7 +634,9 @@ class Search:
         residual = np.sqrt(sum(part * part for part in off))
         length = course.lengths[stretch] + way * ior
         edge = 1e-9 * (1.0 + np.abs(length))
-        on = (way >= -edge) & (way <= course.ways[stretch] + edge)
+        on = course.exists & (way >= -edge) & (way <= course.ways[stretch] + edge)
+        unsure = np.flatnonzero(on & ~self.lattice.certain(unknowns))
+        on[unsure] = passage.takes(tuple(part[unsure] for part in unknowns))
         x, y, _ = (np.broadcast_to(part, residual.shape) for part in line.at(way))
         outward = x * line.momentum[0] + y * line.momentum[1] > 0.0
         # ℓ, the invariant of all of the ray
@@ -617,7 +647,7 @@ class Search:
             np.array(length),
             residual,
             residual / (1.0 + np.abs(length)),
-            on & passage.taken(course),
+            on,
             bend * passage.upright_sign(stretch) > 0.0,
             ell * np.ones_like(residual),
             outward,
@@ -690,7 +720,7 @@ def _join(parts: list[Found]) -> Found:
 
 def _distinct(found: Found, close: float) -> Found:
     """One of each image that was found from several starts; in order of the targets."""
-    mark = found.unknowns @ (0.6123724356957945, 0.5314370481203, 0.5853694070049635)
+    mark = found.unknowns[:, :3] @ (0.6123724356957945, 0.5314370481203, 0.5853694070049635)
     order = np.lexsort((mark, found.index))
     found = found.take(order)
     same = np.append(False, found.index[1:] == found.index[:-1])[: len(order)]
@@ -724,8 +754,8 @@ class Central:
         self.along = np.array(towards[:2]) / away
         share = lattice.patch.middle_line(self.along, CENTRAL)
         unknowns = tuple(part.ravel() for part in lattice.patch.places(share))
-        real = passage.taken(passage.course(unknowns))
-        line, exists = passage.line(unknowns, stretch)
+        real = passage.takes(unknowns)
+        line, exists, _ = passage.line(unknowns, stretch)
         x, y, z = line.place
         px, py, self.pz = line.momentum
         self.x, self.z = x * self.along[0] + y * self.along[1], z * np.ones_like(px)
@@ -894,8 +924,9 @@ def _written(passage: Passage, sheet, images: Found, inside, count: int, eye) ->
     distance = images.length
     if passage.view.parallel:
         distance = distance - passage.away
-        ahead = np.sum(images.unknowns * towards, axis=1)
-        start = (images.unknowns - ahead[:, None] * towards) * scale
+        places = images.unknowns[:, :3]
+        ahead = np.sum(places * towards, axis=1)
+        start = (places - ahead[:, None] * towards) * scale
         slot.direction[:] = passage.view.direction
     else:
         start = eye

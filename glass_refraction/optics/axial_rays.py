@@ -21,9 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .axial import AxialGlass, Steps, viewpoint
+from .profiles import Profile
 from .surfaces import LEAST, SKIN, Floats, Rays
 
-Unknowns = tuple[Floats, Floats, Floats]
+Unknowns = tuple[Floats, ...]
+"""Places on the first interface: x, y, z and what else its surface needs, each (M,)."""
+
+Marks = list
+"""For every event what its surface knows of the meetings: (2, M), or None; see `Profile`."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +47,14 @@ class Course:
 
     `lines`: the rays on each stretch. `ways`: to the interface at the end of each (along the
     momentum). `lengths`: geometric, to the begin of each stretch. `exists`: the ray meets all
-    the interfaces looked at, these being endless.
+    the interfaces looked at, these being endless. `marks`: of all meetings.
     """
 
     lines: list[Rays]
     ways: list[Floats]
     lengths: list[Floats | float]
     exists: NDArray[np.bool_]
+    marks: Marks
 
 
 class Passage:
@@ -92,10 +98,10 @@ class Passage:
         """
         if self.view.parallel:
             direction = self.view.direction
-            ahead = sum(q * d for q, d in zip(unknowns, direction, strict=True))
+            ahead = sum(q * d for q, d in zip(unknowns[:3], direction, strict=True))
             same = np.ones_like(ahead)
             return tuple(part * same for part in direction), ahead + self.away
-        towards = tuple(q - e for q, e in zip(unknowns, self.view.eye, strict=True))
+        towards = tuple(q - e for q, e in zip(unknowns[:3], self.view.eye, strict=True))
         length = np.sqrt(sum(part * part for part in towards))
         per = 1.0 / np.maximum(length, LEAST)
         return tuple(part * per for part in towards), length
@@ -119,45 +125,54 @@ class Passage:
                 turned = ((t - along * d) * per for t, d in zip(tangent, direction, strict=True))
                 tilts.append((*tangent, *turned))
         momentum = tuple(n * part for part in direction)
-        return Rays(tuple(unknowns), momentum, tuple(tilts)), exists, length
+        return Rays(tuple(unknowns[:3]), momentum, tuple(tilts)), exists, length
 
-    def line(self, unknowns: Unknowns, stretch: int) -> tuple[Rays, NDArray[np.bool_]]:
-        """The rays on one stretch, with slopes, and which of them come so far."""
+    def _meet(self, number: int, rays: Rays, unknowns: Unknowns, marks):
+        """Way to the interface of an event, which rays meet it, and its mark."""
+        stage = self.stages[number]
+        if not number:
+            return 0.0, True, (np.stack([unknowns[3]] * 2) if len(unknowns) > 3 else None)
+        if not isinstance(stage.surface, Profile):
+            return *stage.surface.meet(rays, stage.back), None
+        return stage.surface.meet_at(rays, stage.back, None if marks is None else marks[number])
+
+    def line(self, unknowns: Unknowns, stretch: int, marks: Marks | None = None):
+        """The rays on one stretch, with slopes, which of them come so far, and their marks."""
         # Rays that do not exist may overflow.
         with np.errstate(all="ignore"):
-            return self._line(unknowns, stretch)
+            rays, exists, _ = self.begin(unknowns, True)
+            seen = []
+            for number, stage in enumerate(self.stages[:stretch]):
+                way, ahead, mark = self._meet(number, rays, unknowns, marks)
+                spot = None if mark is None else mark[1]
+                rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain, spot)
+                exists = exists & ahead & possible
+                seen.append(mark)
+        return rays, exists, seen
 
-    def _line(self, unknowns: Unknowns, stretch: int) -> tuple[Rays, NDArray[np.bool_]]:
-        rays, exists, _ = self.begin(unknowns, True)
-        for number, stage in enumerate(self.stages[:stretch]):
-            way, ahead = stage.surface.meet(rays, stage.back) if number else (0.0, True)
-            rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain)
-            exists = exists & ahead & possible
-        return rays, exists
-
-    def course(self, unknowns: Unknowns) -> Course:
+    def course(self, unknowns: Unknowns, marks: Marks | None = None) -> Course:
         """The rays on every stretch, without slopes."""
         with np.errstate(all="ignore"):
-            return self._course(unknowns)
+            return self._course(unknowns, marks)
 
-    def _course(self, unknowns: Unknowns) -> Course:
+    def _course(self, unknowns: Unknowns, marks: Marks | None) -> Course:
         rays, exists, length = self.begin(unknowns, False)
         begin = tuple(
             q - length * (p / self.ior) for q, p in zip(rays.place, rays.momentum, strict=True)
         )
         first = Rays(begin, rays.momentum)
         lines, ways, lengths = [first], [length / self.ior], [0.0 * length, length]
+        seen = []
         for number, stage in enumerate(self.stages):
+            way, ahead, mark = self._meet(number, rays, unknowns, marks)
+            spot = None if mark is None else mark[1]
+            seen.append(mark)
             if number:
-                way, ahead = stage.surface.meet(rays, stage.back)
-                exists = exists & ahead
                 ways.append(way)
                 lengths.append(lengths[-1] + way * self.glass.media[self.media[number]])
-            else:
-                way = 0.0
             before = rays
-            rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain)
-            exists = exists & possible
+            rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain, spot)
+            exists = exists & ahead & possible
             if not np.all(exists):
                 # What does not exist stays where it was: its numbers must not grow.
                 rays = Rays(
@@ -171,7 +186,7 @@ class Passage:
                 )
             lines.append(rays)
         ways.append(np.full(len(length), np.inf))
-        return Course(lines, ways, lengths, exists)
+        return Course(lines, ways, lengths, exists, seen)
 
     def takes(self, unknowns: Unknowns) -> NDArray[np.bool_]:
         """Which rays take the whole path; those that leave it are dropped on the way."""
@@ -180,12 +195,13 @@ class Passage:
             rays, exists, length = self.begin(unknowns, False)
             index, way = np.arange(len(result)), 0.0
             for number, stage in enumerate(self.stages):
+                way, ahead, mark = self._meet(number, rays, unknowns, None)
+                spot = None if mark is None else mark[1]
                 if number:
-                    way, ahead = stage.surface.meet(rays, stage.back)
                     exists = ahead & stage.surface.within(*rays.at(way))
                     exists &= ~self._hidden(number, rays, way, exists)
                 else:
-                    exists &= stage.surface.within(*unknowns)
+                    exists &= stage.surface.within(*unknowns[:3])
                     begin = Rays(
                         tuple(
                             q - length * (p / self.ior)
@@ -194,7 +210,7 @@ class Passage:
                         rays.momentum,
                     )
                     exists &= ~self._hidden(0, begin, length / self.ior, exists)
-                rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain)
+                rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain, spot)
                 keep = np.flatnonzero(exists & possible)
                 rays, index = rays.take(keep), index[keep]
             free = np.ones(len(index), dtype=bool)
@@ -212,21 +228,6 @@ class Passage:
             if len(some):
                 hidden[some] = self._blocked(number, met is None, rays, way, some)
         return hidden
-
-    def taken(self, course: Course) -> NDArray[np.bool_]:
-        """Which rays take the whole path: every interface is met within its ends, and first."""
-        with np.errstate(all="ignore"):
-            return self._taken(course)
-
-    def _taken(self, course: Course) -> NDArray[np.bool_]:
-        taken = course.exists.copy()
-        for number, (line, way) in enumerate(zip(course.lines, course.ways, strict=True)):
-            last = number == len(self.stages)
-            if not last:
-                after = course.lines[number + 1]
-                taken &= self.stages[number].surface.within(*after.place)
-            taken &= ~self._hidden(number, line, way, taken)
-        return taken
 
     def _blocked(self, number: int, last: bool, line: Rays, way, some) -> NDArray[np.bool_]:
         """Which of some rays meet another interface on a stretch before its end."""
@@ -251,20 +252,20 @@ class Passage:
 
     # ---- images -------------------------------------------------------------------------
 
-    def _tangents(self, unknowns: Unknowns, targets, stretch: int):
-        """Momentum p, e, A and B of the module's notes, and which rays exist."""
-        rays, exists = self.line(unknowns, stretch)
+    def _tangents(self, unknowns: Unknowns, targets, stretch: int, marks: Marks | None):
+        """Momentum p, e, A and B of the module's notes, which rays exist, and their marks."""
+        rays, exists, seen = self.line(unknowns, stretch, marks)
         n2 = self.glass.media[self.media[stretch]] ** 2
         o, p = rays.place, rays.momentum
         e = [q - part for q, part in zip(targets, o, strict=True)]
         way = (e[0] * p[0] + e[1] * p[1] + e[2] * p[2]) * (1.0 / n2)
         e = [part - way * tilt for part, tilt in zip(e, p, strict=True)]
         a, b = ([slope[axis] + way * slope[axis + 3] for axis in range(3)] for slope in rays.slopes)
-        return p, e, a, b, exists
+        return p, e, a, b, exists, seen
 
     def weakest(self, unknowns: Unknowns, targets, stretch: int):
-        """Unit steps (δa, δb) that move the ray at its target the least, and D."""
-        p, _, a, b, _ = self._tangents(unknowns, targets, stretch)
+        """Unit steps (δa, δb) that move the ray at its target the least, D, and marks."""
+        p, _, a, b, _, seen = self._tangents(unknowns, targets, stretch, None)
         determinant = sum(part * side for part, side in zip(_cross(p, a), b, strict=True))
         per = 1.0 / self.glass.media[self.media[stretch]] ** 2
         a, b = (
@@ -280,11 +281,11 @@ class Passage:
         )
         # The half angle of the axes of the ellipse a cos t + b sin t
         angle = 0.5 * np.arctan2(2.0 * ab, aa - bb) + 0.5 * np.pi
-        return np.cos(angle), np.sin(angle), determinant
+        return np.cos(angle), np.sin(angle), determinant, seen
 
-    def step(self, unknowns: Unknowns, targets, stretch: int):
-        """Newton's step (δa, δb), D, and which rays exist."""
-        p, e, a, b, exists = self._tangents(unknowns, targets, stretch)
+    def step(self, unknowns: Unknowns, targets, stretch: int, marks: Marks | None = None):
+        """Newton's step (δa, δb), D, which rays exist, and their marks."""
+        p, e, a, b, exists, seen = self._tangents(unknowns, targets, stretch, marks)
         # p × a, of which all three triple products need one
         cross = _cross(p, a)
         determinant = cross[0] * b[0] + cross[1] * b[1] + cross[2] * b[2]
@@ -292,13 +293,13 @@ class Passage:
         second = (cross[0] * e[0] + cross[1] * e[1] + cross[2] * e[2]) * inverse
         cross = _cross(b, p)
         first = (cross[0] * e[0] + cross[1] * e[1] + cross[2] * e[2]) * inverse
-        return first, second, determinant, exists
+        return first, second, determinant, exists, seen
 
-    def solve(self, unknowns: Unknowns, anchor: Unknowns, targets, stretch, *, small, most):
+    def solve(self, unknowns: Unknowns, anchor: Unknowns, targets, stretch, marks, *, small, most):
         """Newton's steps from `unknowns`, halved where they leave the rays that exist.
 
-        `anchor`: unknowns of rays that exist, for starts that do not.
-        Returns the unknowns, D there, steps taken, and which came to rest.
+        `anchor`: unknowns of rays that exist, for starts that do not. `marks`: of rays nearby.
+        Returns the unknowns, D there, steps taken, which came to rest, and marks.
         """
         count = len(targets[0])
         result = tuple(part.copy() for part in unknowns)
@@ -309,12 +310,13 @@ class Passage:
         # Close to the eye a short way is a wide angle.
         nearness = np.minimum(self.directions(unknowns)[1], 1.0)
         here, good, aims = unknowns, anchor, targets
+        final = [None if mark is None else mark.copy() for mark in marks]
         for number in range(1, most + 1):
             if not len(index):
                 break
             # Rays that do not exist may overflow; they are put back below.
             with np.errstate(all="ignore"):
-                first, second, bend, exists = self.step(here, aims, stretch)
+                first, second, bend, exists, seen = self.step(here, aims, stretch, marks)
                 size = np.sqrt(first * first + second * second)
             exists &= np.isfinite(size)
             factor = np.where(exists, np.minimum(1.0, LARGEST / np.fmax(size, LARGEST)), 0.0)
@@ -337,6 +339,13 @@ class Passage:
             done = exists & (size < small * nearness[index])
             for whole, part in zip(result, moved, strict=True):
                 whole[index] = part
+            marks = [
+                old if new is None else np.where(exists, new, old)
+                for new, old in zip((*seen, *marks[len(seen) :]), marks, strict=True)
+            ]
+            for whole, part in zip(final, marks, strict=True):
+                if whole is not None:
+                    whole[:, index] = part
             determinant[index] = bend
             rests[index[done]] = True
             steps[index[done]] = number
@@ -349,8 +358,9 @@ class Passage:
                 moved, good, aims = (
                     tuple(part[going] for part in parts) for parts in (moved, good, aims)
                 )
+                marks = [None if mark is None else mark[:, going] for mark in marks]
             here = moved
-        return result, determinant, steps, rests
+        return result, determinant, steps, rests, final
 
 
 HOPELESS, WANDERS = 6, 0.05

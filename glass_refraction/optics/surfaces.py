@@ -98,16 +98,19 @@ class Cylinder:
         per = 1.0 / self.radius
         return x * per, y * per, np.zeros_like(x)
 
-    def pass_by(self, rays: Rays, way, back: bool, gain: float | None) -> tuple[Rays, Flags]:
+    def pass_by(
+        self, rays: Rays, way, back: bool, gain: float | None, mark=None
+    ) -> tuple[Rays, Flags]:
         """Rays behind the interface: `gain` = n'² − n² where refracted, None where reflected.
 
-        Also which of them are not totally reflected; the others run along the interface.
+        Also which of them are not totally reflected; the others run along the interface. `mark`:
+        what the surface itself knows of the meetings, see `Profile`.
         """
         px, py, pz = rays.momentum
         x, y, z = rays.at(way)
         before = x * px + y * py
         per = 1.0 / self.radius**2
-        after, turned, possible = _behind(before, gain, self.radius**2)
+        after, turned, possible = behind(before, gain, self.radius**2)
         change = (after - before) * per
         inverse = 1.0 / np.where(before == 0.0, LEAST, before)
         slopes = []
@@ -127,6 +130,10 @@ class Cylinder:
                 (dx, dy, dz, dpx + rise * x + change * dx, dpy + rise * y + change * dy, dpz)
             )
         return Rays((x, y, z), (px + change * x, py + change * y, pz), tuple(slopes)), possible
+
+    def coordinates(self, x, y, z) -> tuple:
+        """The coordinates of places in a patch: azimuth and height."""
+        return np.arctan2(y, x), z
 
     def sample(self, start: Viewpoint, back: bool) -> Patch | None:
         """The part that rays of a viewpoint can meet, as a rectangle (azimuth, height)."""
@@ -204,10 +211,12 @@ class Plane:
         none = np.zeros_like(x)
         return none, none, none + 1.0
 
-    def pass_by(self, rays: Rays, way, back: bool, gain: float | None) -> tuple[Rays, Flags]:
+    def pass_by(
+        self, rays: Rays, way, back: bool, gain: float | None, mark=None
+    ) -> tuple[Rays, Flags]:
         px, py, pz = rays.momentum
         x, y, _ = rays.at(way)
-        after, turned, possible = _behind(pz, gain, 1.0)
+        after, turned, possible = behind(pz, gain, 1.0)
         inverse = 1.0 / np.where(pz == 0.0, LEAST, pz)
         slopes = []
         for dx, dy, dz, dpx, dpy, dpz in rays.slopes:
@@ -216,6 +225,9 @@ class Plane:
             dy = dy + way * dpy + more * py
             slopes.append((dx, dy, np.zeros_like(dx), dpx, dpy, dpz * turned))
         return Rays((x, y, self.height + 0.0 * x), (px, py, after), tuple(slopes)), possible
+
+    def coordinates(self, x, y, z) -> tuple:
+        return np.arctan2(y, x), np.sqrt(x * x + y * y)
 
     def sample(self, start: Viewpoint, back: bool) -> Patch | None:
         if start.parallel:
@@ -258,7 +270,7 @@ def azimuth_lines(patch: Patch, along, count: int) -> Floats:
     return np.array(lines).reshape(-1, count, 2)
 
 
-def _behind(before, gain, scale):
+def behind(before, gain, scale):
     """The part of the momentum across an interface behind it (times √scale), how it changes with
     that before it, and where there is any."""
     if gain is None:
@@ -284,17 +296,32 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Patch:
-    """The rectangle of an interface's coordinates in which a viewpoint's rays first meet it."""
+    """The rectangle of an interface's coordinates in which a viewpoint's rays first meet it.
 
-    surface: Cylinder | Plane
+    `base`: into how many cells it is cut first, `looks`: rays along the side of a cell that look
+    for a path's region.
+    """
+
+    surface: object
     low: tuple[float, float]
     high: tuple[float, float]
+    base: tuple[int, int] = (24, 12)
+    looks: int = 8
 
     def places(self, share) -> tuple:
-        """Places (x, y, z) at shares (..., 2) of the rectangle, 0 to 1."""
+        """Places at shares (..., 2) of the rectangle: x, y, z and what else the surface needs."""
         first = self.low[0] + (self.high[0] - self.low[0]) * share[..., 0]
         second = self.low[1] + (self.high[1] - self.low[1]) * share[..., 1]
         return self.surface.place(first, second)
+
+    def shares(self, place: tuple) -> tuple:
+        """The reverse of `places`: two parts."""
+        first, second = self.surface.coordinates(*place)
+        turn = np.mod(first - self.low[0], 2.0 * np.pi)
+        return (
+            turn / (self.high[0] - self.low[0]),
+            (second - self.low[1]) / (self.high[1] - self.low[1]),
+        )
 
     def middle_line(self, along, count: int) -> Floats:
         """Shares of places in the plane through the axis along `along` (2,), (K, count, 2)."""

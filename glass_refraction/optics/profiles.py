@@ -1,0 +1,436 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces of revolution from a profile: a smooth curve of (radius, height) turned round z.
+
+A profile is a list of cubic segments. A ray meets it where, for a way s along the ray and a place t
+on the curve, x² + y² = r(t)² and z = z(t): two equations, solved by Newton's method. Where no
+place is known to start from, the curve is taken as a chain of cones first, each of which a ray
+meets where a quadratic equation says so; the nearest is then made exact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .surfaces import (
+    LEAST,
+    SKIN,
+    Flags,
+    Floats,
+    Patch,
+    Rays,
+    Viewpoint,
+    azimuth_lines,
+    behind,
+)
+
+SAG = 2e-4
+"""How far a cone may lie from the curve, in units of the profile."""
+
+ROUNDS = 8
+"""Most steps of Newton's method to a meeting."""
+
+EXACT = 1e-14
+"""Step along the curve at which a meeting counts as found."""
+
+PAIRS = 1 << 17
+"""Pairs of rays and cones looked at at once."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Cubic segments: `radius` and `height` (K, 4), coefficients of 1, τ, τ², τ³ with t = k + τ."""
+
+    radius: tuple[tuple[float, ...], ...]
+    height: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def through(cls, points: Floats) -> Curve:
+        """The curve through points (K, 2): a cubic spline over their distances.
+
+        It is level where it begins or ends on the axis, and free at other ends.
+        """
+        way = np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
+        count = len(points)
+        matrix, right = np.zeros((count, count)), np.zeros((count, 2))
+        for k in range(1, count - 1):
+            before, after = way[k - 1], way[k]
+            matrix[k, k - 1 : k + 2] = after, 2.0 * (before + after), before
+            right[k] = 3.0 * (
+                after / before * (points[k] - points[k - 1])
+                + before / after * (points[k + 1] - points[k])
+            )
+        slopes = np.zeros((count, 2))
+        for axis in range(2):
+            system, wanted = matrix.copy(), right[:, axis].copy()
+            for end, inner, step in ((0, 1, way[0]), (count - 1, count - 2, way[-1])):
+                on_axis = points[end, 0] == 0.0
+                if on_axis and axis == 1:
+                    system[end, end], wanted[end] = 1.0, 0.0
+                else:
+                    system[end, end], system[end, inner] = 2.0, 1.0
+                    chord = points[1] - points[0] if end == 0 else points[-1] - points[-2]
+                    wanted[end] = 3.0 * chord[axis] / step
+            slopes[:, axis] = np.linalg.solve(system, wanted)
+        low, high = slopes[:-1] * way[:, None], slopes[1:] * way[:, None]
+        return cls._hermite(points[:-1], points[1:], low, high)
+
+    @classmethod
+    def bezier(cls, points: Floats) -> Curve:
+        """The curve of Bézier points (K, 3, 2): left handle, point, right handle."""
+        begin, end = points[:-1, 1], points[1:, 1]
+        return cls._hermite(begin, end, 3.0 * (points[:-1, 2] - begin), 3.0 * (end - points[1:, 0]))
+
+    @classmethod
+    def _hermite(cls, begin, end, low, high) -> Curve:
+        parts = begin, low, 3.0 * (end - begin) - 2.0 * low - high, 2.0 * (begin - end) + low + high
+        table = np.stack(parts, axis=-1)
+        return cls(*(tuple(tuple(row) for row in table[:, axis].tolist()) for axis in range(2)))
+
+    def scaled(self, factor: float) -> Curve:
+        return Curve(
+            *(
+                tuple(tuple(part * factor for part in row) for row in rows)
+                for rows in (self.radius, self.height)
+            )
+        )
+
+    def pieces(self, sag: float) -> Floats:
+        """Places t that cut the curve into chords which lie at most `sag` off it."""
+        ts = [0.0]
+        for k, rows in enumerate(zip(self.radius, self.height, strict=True)):
+            bend = max(
+                math.hypot(*(2.0 * row[2] + 6.0 * row[3] * tau for row in rows))
+                for tau in (0.0, 0.5, 1.0)
+            )
+            parts = max(1, min(40, math.ceil(math.sqrt(bend / (8.0 * sag)))))
+            ts += [k + (part + 1) / parts for part in range(parts)]
+        return np.array(ts)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A curve turned round the axis; its front lies to the right of the way along it.
+
+    `low`, `high`: heights between which it belongs to the interface (`low` excluded where
+    `open_below`).
+    """
+
+    curve: Curve
+    low: float = -math.inf
+    high: float = math.inf
+    open_below: bool = False
+    table: Floats = field(init=False, repr=False, compare=False)
+    chords: Floats = field(init=False, repr=False, compare=False)
+    ends: tuple[bool, bool] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        table = np.array([self.curve.radius, self.curve.height])  # (2, K, 4)
+        object.__setattr__(self, "table", np.ascontiguousarray(np.moveaxis(table, 1, 2)))
+        ts = self.curve.pieces(SAG)
+        r, z, *_ = self.on_curve(ts)
+        keep = (np.maximum(z[1:], z[:-1]) >= self.low) & (np.minimum(z[1:], z[:-1]) <= self.high)
+        chords = np.stack([r[:-1], z[:-1], np.diff(r), np.diff(z), ts[:-1], np.diff(ts)])
+        object.__setattr__(self, "chords", chords[:, keep])
+        object.__setattr__(self, "ends", (abs(r[0]) < 1e-9, abs(r[-1]) < 1e-9))
+
+    @property
+    def count(self) -> int:
+        return len(self.curve.radius)
+
+    def on_curve(self, t) -> tuple:
+        """r, z and their first and second derivatives by t."""
+        k = np.clip(np.floor(t), 0, self.count - 1).astype(np.intp)
+        tau = t - k
+        values = []
+        for rows in self.table:
+            c0, c1, c2, c3 = (row[k] for row in rows)
+            values.append(
+                (
+                    ((c3 * tau + c2) * tau + c1) * tau + c0,
+                    (3.0 * c3 * tau + 2.0 * c2) * tau + c1,
+                    6.0 * c3 * tau + 2.0 * c2,
+                )
+            )
+        (r, r1, r2), (z, z1, z2) = values
+        return r, z, r1, z1, r2, z2
+
+    def _inside(self, t) -> Floats:
+        """t folded back at ends on the axis, where the curve goes on as its mirror image."""
+        if self.ends[0]:
+            t = np.abs(t)
+        if self.ends[1]:
+            t = np.where(t > self.count, 2.0 * self.count - t, t)
+        return t
+
+    # ---- meetings -----------------------------------------------------------------------
+
+    def meet(self, rays: Rays, back: bool, mark=None) -> tuple[Floats, Flags]:
+        """As `Cylinder.meet`."""
+        way, ahead, _ = self.meet_at(rays, back, mark)
+        return way, ahead
+
+    def meet_at(self, rays: Rays, back: bool, mark=None):
+        """The way to the interface, whether it is ahead, and its mark (2, M): s and t.
+
+        `mark`: a meeting of a ray nearby, to start from. Without, the nearest is looked for.
+        """
+        # Rays that meet nothing may overflow.
+        with np.errstate(all="ignore"):
+            if mark is None:
+                mark, found = self._search(rays, back)
+            else:
+                found = True
+            way, t, exact = self._refine(rays, mark[0], mark[1])
+            return self._told(rays, way, t, exact & found, back)
+
+    def _told(self, rays: Rays, way, t, exact, back: bool):
+        ahead = exact & (way >= -SKIN) & (t >= -1e-9) & (t <= self.count + 1e-9)
+        ahead &= self._facing(rays, t, way, back)
+        return np.where(ahead, way, 0.0), ahead, np.stack([way, t])
+
+    def _facing(self, rays: Rays, t, way, back: bool) -> Flags:
+        _, _, r1, z1, _, _ = self.on_curve(t)
+        x, y, _ = rays.at(way)
+        px, py, pz = rays.momentum
+        size = np.sqrt(np.maximum(x * x + y * y, LEAST))
+        towards = z1 * (x * px + y * py) - r1 * pz * size
+        return towards > 0.0 if back else towards < 0.0
+
+    def _refine(self, rays: Rays, way, t):
+        """Newton's steps in s and t together."""
+        x, y, z = rays.place
+        px, py, pz = rays.momentum
+        p2 = px * px + py * py
+        outward = x * px + y * py
+        r02 = x * x + y * y
+        moved = np.full(np.shape(way), np.inf)
+        for _ in range(ROUNDS):
+            r, height, r1, z1, _, _ = self.on_curve(t)
+            off = ((p2 * way + 2.0 * outward) * way + r02) - r * r
+            rise = z + way * pz - height
+            w = 2.0 * (outward + way * p2)
+            rr = 2.0 * r * r1
+            determinant = rr * pz - w * z1
+            inverse = 1.0 / np.where(determinant == 0.0, LEAST, determinant)
+            step_way = (z1 * off - rr * rise) * inverse
+            step_t = (pz * off - w * rise) * inverse
+            step_t = np.clip(step_t, -0.7, 0.7)
+            way = way + np.clip(step_way, -2.0, 2.0)
+            t = self._inside(t + step_t)
+            t = np.clip(t, -0.5, self.count + 0.5)
+            moved = np.abs(step_t) + np.abs(step_way)
+            if not np.any(moved > EXACT):
+                break
+        return way, t, moved < 1e-9
+
+    def _search(self, rays: Rays, back: bool):
+        """Mark of the nearest meeting with the chain of cones, and which rays have one."""
+        rays = Rays(
+            *(np.broadcast_arrays(*parts, *rays.place)[:3] for parts in (rays.place, rays.momentum))
+        )
+        total = len(rays.place[0])
+        mark, found = np.zeros((2, total)), np.zeros(total, dtype=bool)
+        size = max(1, PAIRS // max(1, self.chords.shape[1]))
+        for begin in range(0, total, size):
+            some = slice(begin, begin + size)
+            mark[:, some], found[some] = self._nearest_cone(rays.take(some), back)
+        return mark, found
+
+    def _nearest_cone(self, rays: Rays, back: bool):
+        x, y, z = (part[:, None] for part in rays.place)
+        px, py, pz = (part[:, None] for part in rays.momentum)
+        r0, z0, dr, dz, t0, dt = self.chords
+        # (dz·ρ(s))² = (r0·dz + dr·(z(s) − z0))², a chord neither level nor upright by a hair
+        dz = np.where(np.abs(dz) < 1e-9, 1e-9, dz)
+        rise = r0 * dz + dr * (z - z0)
+        slope = dr * pz
+        dz2 = dz * dz
+        a = dz2 * (px * px + py * py) - slope * slope
+        b = dz2 * (x * px + y * py) - slope * rise
+        c = dz2 * (x * x + y * y) - rise * rise
+        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+        real = b * b >= a * c
+        q = -(b + np.copysign(root, b))
+        least = np.full(a.shape, np.inf)
+        tau = np.zeros(a.shape)
+        per = 1.0 / (dr * dr + dz2)
+        for top, below in ((q, a), (c, q)):
+            way = top / np.where(below == 0.0, LEAST, below)
+            height = z + way * pz - z0
+            radial2 = (x + way * px) ** 2 + (y + way * py) ** 2
+            radius = np.sqrt(radial2) - r0
+            along = (radius * dr + height * dz) * per
+            across = radius * dz - height * dr
+            out = (x + way * px) * px + (y + way * py) * py
+            towards = dz * out - dr * pz * np.sqrt(radial2)
+            hit = real & (along >= -NEAR) & (along <= 1.0 + NEAR) & (way > -1e-6)
+            hit &= (towards > 0.0) if back else (towards < 0.0)
+            hit &= np.abs(across) < 1e-6 * (1.0 + np.abs(way))
+            closer = hit & (way < least)
+            least = np.where(closer, way, least)
+            tau = np.where(closer, along, tau)
+        best = np.argmin(least, axis=1)
+        rows = np.arange(len(best))
+        way = least[rows, best]
+        found = np.isfinite(way)
+        t = t0[best] + dt[best] * np.clip(tau[rows, best], 0.0, 1.0)
+        return np.stack([np.where(found, way, 0.0), t]), found
+
+    def within(self, x, y, z) -> Flags:
+        low = (z > self.low) if self.open_below else (z >= self.low)
+        return low & (z <= self.high)
+
+    # ---- at a meeting -------------------------------------------------------------------
+
+    def frame(self, x, y, t):
+        """Unit normal and meridian tangent (3 parts each), and the two curvatures."""
+        r, _, r1, z1, r2, z2 = self.on_curve(t)
+        length2 = r1 * r1 + z1 * z1
+        per = 1.0 / np.sqrt(np.maximum(length2, LEAST))
+        size = np.sqrt(np.maximum(x * x + y * y, LEAST))
+        cosine, sine = x / size, y / size
+        nr, nz = z1 * per, -r1 * per
+        bend = (z2 * r1 - r2 * z1) * per**3
+        near = np.abs(r) < 1e-7
+        turn = np.where(near, bend, nr / np.where(near, 1.0, r))
+        return (nr * cosine, nr * sine, nz), (-nz * cosine, -nz * sine, nr), bend, turn
+
+    def normal(self, x, y, z, t=None) -> tuple:
+        if t is None:
+            t = self.nearest(np.sqrt(x * x + y * y), z)
+        return self.frame(x, y, t)[0]
+
+    def nearest(self, radius, z) -> Floats:
+        """t of places on the curve."""
+        ts = np.append(self.chords[4], self.chords[4, -1] + self.chords[5, -1])
+        r, height, *_ = self.on_curve(ts)
+        best = np.zeros(np.shape(radius))
+        least = np.full(np.shape(radius), np.inf)
+        for part in range(len(ts) - 1):
+            dr, dz = r[part + 1] - r[part], height[part + 1] - height[part]
+            along = ((radius - r[part]) * dr + (z - height[part]) * dz) / (dr * dr + dz * dz)
+            along = np.clip(along, 0.0, 1.0)
+            off = (radius - r[part] - along * dr) ** 2 + (z - height[part] - along * dz) ** 2
+            closer = off < least
+            least = np.where(closer, off, least)
+            best = np.where(closer, ts[part] + along * (ts[part + 1] - ts[part]), best)
+        for _ in range(4):
+            at, up, r1, z1, r2, z2 = self.on_curve(best)
+            gap_r, gap_z = at - radius, up - z
+            slope = r1 * r1 + z1 * z1 + gap_r * r2 + gap_z * z2
+            best = best - (gap_r * r1 + gap_z * z1) / np.where(slope > 0.0, slope, 1.0)
+            best = np.clip(self._inside(best), 0.0, self.count)
+        return best
+
+    def pass_by(self, rays: Rays, way, back: bool, gain, mark=None) -> tuple[Rays, Flags]:
+        """As `Cylinder.pass_by`; `mark`: t of the meetings."""
+        x, y, z = rays.at(way)
+        p = rays.momentum
+        t = self.nearest(np.sqrt(x * x + y * y), z) if mark is None else mark
+        normal, tangent, bend, turn = self.frame(x, y, t)
+        k = sum(a * b for a, b in zip(p, normal, strict=True))
+        after, turned, possible = behind(k, gain, 1.0)
+        change = after - k
+        inverse = 1.0 / np.where(k == 0.0, LEAST, k)
+        slopes = []
+        for slope in rays.slopes:
+            moved = [do + way * dp for do, dp in zip(slope[:3], slope[3:], strict=True)]
+            more = -sum(a * b for a, b in zip(moved, normal, strict=True)) * inverse
+            moved = [part + more * q for part, q in zip(moved, p, strict=True)]
+            along = sum(a * b for a, b in zip(moved, tangent, strict=True))
+            lean = along * (bend - turn)
+            # Round the axis and along the meridian; what is left has no part along the normal.
+            tilted = [turn * a + lean * b for a, b in zip(moved, tangent, strict=True)]
+            rise = sum(a * b for a, b in zip(slope[3:], normal, strict=True))
+            rise = rise + sum(a * b for a, b in zip(p, tilted, strict=True))
+            rise = rise * (turned - 1.0)
+            slopes.append(
+                (
+                    *moved,
+                    *(
+                        dp + rise * n + change * dn
+                        for dp, n, dn in zip(slope[3:], normal, tilted, strict=True)
+                    ),
+                )
+            )
+        momentum = tuple(a + change * b for a, b in zip(p, normal, strict=True))
+        return Rays((x, y, z), momentum, tuple(slopes)), possible
+
+    # ---- as the first interface ---------------------------------------------------------
+
+    def sample(self, start: Viewpoint, back: bool) -> Patch | None:
+        towards = start.eye if not start.parallel else tuple(-part for part in start.direction)
+        middle = math.atan2(towards[1], towards[0])
+        ts = np.linspace(0.0, self.count, 16 * self.count + 1)
+        _, z, *_ = self.on_curve(ts)
+        inside = ts[(z >= self.low) & (z <= self.high)]
+        if not len(inside):
+            return None
+        step = ts[1] if self.low > -math.inf or self.high < math.inf else 0.0
+        first, last = max(0.0, inside[0] - step), min(float(self.count), inside[-1] + step)
+        return Patch(self, (middle - math.pi, first), (middle + math.pi, last), (36, 20), 4)
+
+    def coordinates(self, x, y, z, t) -> tuple:
+        return np.arctan2(y, x), t
+
+    def place(self, azimuth, t) -> tuple:
+        r, z, *_ = self.on_curve(t)
+        return r * np.cos(azimuth), r * np.sin(azimuth), z, t
+
+    def middle_line(self, patch: Patch, along, count: int) -> Floats:
+        return azimuth_lines(patch, along, count)
+
+    def tangents(self, x, y, z, t) -> tuple[tuple, tuple]:
+        size = np.sqrt(np.maximum(x * x + y * y, LEAST))
+        return (-y / size, x / size, np.zeros_like(x)), self.frame(x, y, t)[1]
+
+    def slide(self, place: tuple, first, second) -> tuple:
+        x, y, _, t = place
+        r, _, r1, z1, _, _ = self.on_curve(t)
+        angle = np.clip(first / np.maximum(r, 1e-9), -1.0, 1.0)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        t = t + second / np.sqrt(np.maximum(r1 * r1 + z1 * z1, LEAST))
+        # Over the axis the way leads on along the other side.
+        x, y = x * cosine - y * sine, y * cosine + x * sine
+        flip = 1.0
+        if self.ends[0]:
+            flip = np.where(t < 0.0, -1.0, flip)
+        if self.ends[1]:
+            flip = np.where(t > self.count, -1.0, flip)
+        return self.onto((x * flip, y * flip, place[2], self._inside(t)))
+
+    def onto(self, place: tuple) -> tuple:
+        x, y, _, t = place
+        t = np.clip(t, 0.0, self.count)
+        r, z, *_ = self.on_curve(t)
+        size = np.sqrt(x * x + y * y)
+        lost = size < LEAST
+        factor = r / np.where(lost, 1.0, size)
+        return np.where(lost, r, x * factor), np.where(lost, 0.0, y * factor), z, t
+
+
+NEAR = 1e-6
+"""Parts of a cone by which a meeting may lie beyond its ends."""
+
+
+def as_curve(name: str, value: ArrayLike) -> Curve:
+    """The curve of points (K, 2) or Bézier points (K, 3, 2); ValueError naming the field."""
+    try:
+        points = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be (K, 2) or (K, 3, 2), not {value!r}") from None
+    bezier = points.ndim == 3 and points.shape[1:] == (3, 2)
+    if not bezier and (points.ndim != 2 or points.shape[1:] != (2,)):
+        raise ValueError(f"{name} must be (K, 2) or (K, 3, 2), not of shape {points.shape}")
+    if len(points) < 2 or not np.isfinite(points).all():
+        raise ValueError(f"{name} must be two or more finite points, not {value!r}")
+    nodes = points[:, 1] if bezier else points
+    if (nodes[:, 0] < 0.0).any():
+        raise ValueError(f"{name} must not have a negative radius: {value!r}")
+    if not np.diff(nodes, axis=0).any(axis=1).all():
+        raise ValueError(f"{name} must not repeat a point: {value!r}")
+    return Curve.bezier(points) if bezier else Curve.through(points)
