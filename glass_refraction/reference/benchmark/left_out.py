@@ -158,8 +158,8 @@ def _counts(scene: bpy.types.Scene) -> dict:
 def describe(found: dict) -> list[str]:
     """Lines of Markdown."""
     lines = [
-        "Surface *Glass*, default settings. A copy is one source along one path of one glass; an "
-        "empty one was found not to appear in its region, and costs nothing further. The light of "
+        "Surface *Glass*, default settings. A copy is one source along one path of one glass, "
+        "solved vertex by vertex; an empty one does not appear in its region. The light of "
         "a path is its mean weight over the pixels of the glass. *PSNR*: the picture with default "
         "settings against one that keeps more, same seed, over the picture and inside the glass; "
         "it is what leaving out costs.",
@@ -168,12 +168,14 @@ def describe(found: dict) -> list[str]:
     for scene in found["scenes"]:
         kept = scene["kept"]
         width, height = scene["resolution"]
+        possible = scene["sources"] * sum(len(glass["kept_paths"]) for glass in scene["glasses"])
         lines += [
             f"### {scene['scene']}",
             "",
             f"{width} x {height}, {scene['samples']} samples. {scene['sources']} sources of "
-            f"{number(scene['source_vertices'])} vertices; {kept['copies']} copies, of which "
-            f"{kept['empty_copies']} are left empty; bound on the gap "
+            f"{number(scene['source_vertices'])} vertices; {kept['copies']} copies where every "
+            f"source along every kept path would be {possible}; {kept['empty_copies']} of them are "
+            "left empty; bound on the gap "
             f"{number(kept['bound_px'])} px.",
             "",
         ]
