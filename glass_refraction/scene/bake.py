@@ -30,6 +30,7 @@ from .bake_playback import (
     bakeable_images,
     bakeable_objects,
     baked,
+    baked_layers,
     composite_group,
     detach,
     layer_samples,
@@ -281,7 +282,7 @@ class Baking:
             self._prepared = current if current in self.frames else self.frames[0]
         if scene.frame_current != self._prepared:
             scene.frame_set(self._prepared)
-        standing = find_layers(scene) if self._before is not None else None
+        standing = baked_layers(scene)
         if standing is not None:
             detach(scene, standing)
         door.forget()
@@ -385,7 +386,7 @@ def free(scene: bpy.types.Scene) -> Path | None:
     contents = read_contents(bake.folder)
     if contents is not None and contents.file in {"", _file()}:
         remove(bake.folder, contents)
-    layers = find_layers(scene)
+    layers = baked_layers(scene)
     if layers is not None:
         detach(scene, layers)
     door.remove(scene)

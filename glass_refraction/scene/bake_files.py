@@ -31,6 +31,8 @@ import numpy as np
 
 from .names import RefractiveGlassError, hidden_name
 
+BAKE = "refractive_glass_bake"
+"""Custom property of a baked scene's composite group, and on own scenes the pointer to it."""
 CONTENTS = "bake.json"
 GEOMETRY, IMAGES = "geometry", "images"
 

@@ -14,8 +14,17 @@ from pathlib import Path
 
 import bpy
 
-from .bake_files import CONTENTS, GEOMETRY, IMAGES, Contents, file_name, frame_ranges, image_file
-from .layers import Layers
+from .bake_files import (
+    BAKE,
+    CONTENTS,
+    GEOMETRY,
+    IMAGES,
+    Contents,
+    file_name,
+    frame_ranges,
+    image_file,
+)
+from .layers import ROLES, Layers
 from .modifier_inputs import read_input
 from .names import TAG, load_group, own
 from .viewpoint import render_size
@@ -26,8 +35,6 @@ KERNEL = "kernel"
 
 under_way: set[int] = set()
 """Session uids of the scenes that are being baked."""
-
-_MARK = "refractive_glass_bake"
 
 
 @dataclass(frozen=True)
@@ -58,9 +65,9 @@ class Baked:
 def baked(scene: bpy.types.Scene) -> Baked | None:
     """What the scene plays back; None if it is computed."""
     group = composite_group(scene)
-    if group is None or _MARK not in group:
+    if group is None or BAKE not in group:
         return None
-    values = json.loads(group[_MARK])
+    values = json.loads(group[BAKE])
     return Baked(**{**values, "size": tuple(values["size"])})
 
 
@@ -98,6 +105,14 @@ def composite_group(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
     tree = scene.compositing_node_group
     nodes = tree.nodes if tree is not None else ()
     return next((n.node_tree for n in nodes if n.get(TAG) == "group" and n.node_tree), None)
+
+
+def baked_layers(scene: bpy.types.Scene) -> Layers | None:
+    """The own scenes that a baked scene plays back, whatever it is called by now."""
+    group = composite_group(scene)
+    own_scenes = [s for s in bpy.data.scenes if group is not None and s.get(BAKE) == group]
+    found = {s[TAG]: s for s in own_scenes if own(s)}
+    return Layers(**found) if len(found) == len(ROLES) else None
 
 
 def bakeable_objects(layers: Layers) -> dict[str, bpy.types.Object]:
@@ -172,7 +187,10 @@ def attach(scene: bpy.types.Scene, layers: Layers, directory: str, contents: Con
         contents.size,
         contents.shading,
     )
-    composite_group(scene)[_MARK] = json.dumps(asdict(bake))
+    group = composite_group(scene)
+    group[BAKE] = json.dumps(asdict(bake))
+    for own_scene in layers.all():
+        own_scene[BAKE] = group
 
 
 def detach(scene: bpy.types.Scene, layers: Layers) -> None:
@@ -191,9 +209,10 @@ def detach(scene: bpy.types.Scene, layers: Layers) -> None:
     for own_scene in layers.all():
         own_scene.timeline_markers.clear()
         _still(own_scene)
+        own_scene.pop(BAKE, None)
     group = composite_group(scene)
-    if group is not None and _MARK in group:
-        del group[_MARK]
+    if group is not None and BAKE in group:
+        del group[BAKE]
 
 
 def _play_geometry(obj: bpy.types.Object, directory: str) -> None:
