@@ -32,9 +32,6 @@ ENOUGH = 40
 DRAWN = 16
 """Halvings of the way to where rays begin to exist."""
 
-DEEPEST = 4
-"""Halvings of a cell where rays end to exist; two fewer where they fan out unevenly."""
-
 INSIDE = 1e-4
 """Distance from the edges of the first interface's rectangle, in parts of it, for the same."""
 
@@ -85,7 +82,7 @@ class Lattice:
         ).reshape(-1, 2) / (rows, columns)
         size = np.broadcast_to(1.0 / np.array(self.patch.base), cells.shape)
         kept = []
-        for level in range(DEEPEST + 1):
+        for level in range(self.patch.deepest + 1):
             # The cells of the path's region; where rays are no longer taken but still exist,
             # cells reach over its end.
             some = self._touched(cells, size) if level else self._touched_first()
@@ -95,13 +92,13 @@ class Lattice:
             cells, size = cells[some], size[some]
             share = cells[:, None] + size[:, None] * CORNERS
             unknowns, course = self._look(share)
-            if level == DEEPEST:
+            if level == self.patch.deepest:
                 split = np.zeros(len(cells), dtype=bool)
-            elif len(cells) < ENOUGH and level < DEEPEST - 1:
+            elif len(cells) < ENOUGH and level < self.patch.deepest - 1:
                 split = np.ones(len(cells), dtype=bool)
             else:
                 split = ~course.exists.reshape(-1, 5).all(axis=1)
-                if level < DEEPEST - 2:
+                if level < 2:
                     split |= _uneven([_arrays(line, unknowns.shape[:2]) for line in course.lines])
             kept.append((share[~split], np.stack([cells, size], axis=1)[~split]))
             cells, size = _halve(cells[split], size[split])
@@ -359,6 +356,9 @@ NEAR = 8.0
 WIDER = 1.4
 """A cell's rays may lie this much farther from its middle than its corners do."""
 
+FOLD_BRIM = 0.15
+"""The same for cells that a caustic may cross, in parts of the box round their corners."""
+
 BRIM = 0.12
 """Part of a cell by which targets may lie outside it, besides what its unevenness tells."""
 
@@ -527,9 +527,9 @@ class Search:
         inside = ~fold
         for part, bulge in zip((first, second), bulges, strict=True):
             inside &= np.abs(part) <= 0.5 + BRIM + bulge
-        mean, *sides = forms
-        reach = sum(np.abs(part) for side in sides for part in side)
-        fold &= np.maximum(np.abs(x - mean[0]), np.abs(y - mean[1])) <= reach + 1e-6
+        for off, mean, one, other, twist in zip((x, y), *forms, strict=True):
+            reach = np.abs(one) + np.abs(other) + 0.5 * np.abs(twist)
+            fold &= np.abs(off - mean) <= (0.5 + FOLD_BRIM) * reach + np.abs(mean) + 1e-6
         return np.stack([first, second], axis=-1), inside, fold
 
     def _blend(self, cells, shares) -> Unknowns:
@@ -584,7 +584,8 @@ class Search:
         unknowns = tuple(found.unknowns.T)
         aims = tuple(self.targets[found.index].T)
         with np.errstate(all="ignore"):
-            one, other, bend, marks = passage.weakest(unknowns, aims, self.stretch)
+            marks = _split(found.marks)
+            one, other, bend, marks = passage.weakest(unknowns, aims, self.stretch, marks)
             moved = passage.first.slide(unknowns, NUDGE * one, NUDGE * other)
             _, _, bent, exists, marks = passage.step(moved, aims, self.stretch, marks)
             way = -2.0 * NUDGE * bend / (bent - bend)
@@ -651,6 +652,7 @@ class Search:
             bend * passage.upright_sign(stretch) > 0.0,
             ell * np.ones_like(residual),
             outward,
+            _joined(course.marks, len(residual)),
         )
 
 
@@ -685,7 +687,7 @@ FOLDED = ((0.0, 0.0), (-0.35, -0.35), (0.35, -0.35), (0.35, 0.35), (-0.35, 0.35)
 
 @dataclass
 class Found:
-    """Rays that meet targets: (F,) each, unknowns (F, 3)."""
+    """Rays that meet targets: (F,) each, unknowns (F, 3 or 4), marks (F, events or 0, 2)."""
 
     index: NDArray[np.intp]
     unknowns: Floats
@@ -696,6 +698,7 @@ class Found:
     upright: NDArray[np.bool_]
     ell: Floats
     outward: NDArray[np.bool_]
+    marks: Floats
 
     def columns(self):
         return tuple(getattr(self, name) for name in self.__dataclass_fields__)
@@ -710,6 +713,19 @@ class Found:
     def put(self, where, other: Found) -> None:
         for mine, part in zip(self.columns(), other.columns(), strict=True):
             mine[where] = part
+
+
+def _joined(marks, count: int) -> Floats:
+    """Marks of all events in one array, empty where no surface needs them."""
+    if all(mark is None for mark in marks):
+        return np.zeros((count, 0, 2))
+    nothing = np.full((2, count), np.nan)
+    return np.stack([nothing if mark is None else mark for mark in marks]).transpose(2, 0, 1)
+
+
+def _split(marks: Floats):
+    """The reverse of `_joined`, or None."""
+    return list(marks.transpose(1, 2, 0)) if marks.shape[1] else None
 
 
 def _join(parts: list[Found]) -> Found:

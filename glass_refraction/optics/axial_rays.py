@@ -263,9 +263,9 @@ class Passage:
         a, b = ([slope[axis] + way * slope[axis + 3] for axis in range(3)] for slope in rays.slopes)
         return p, e, a, b, exists, seen
 
-    def weakest(self, unknowns: Unknowns, targets, stretch: int):
+    def weakest(self, unknowns: Unknowns, targets, stretch: int, marks: Marks):
         """Unit steps (δa, δb) that move the ray at its target the least, D, and marks."""
-        p, _, a, b, _, seen = self._tangents(unknowns, targets, stretch, None)
+        p, _, a, b, _, seen = self._tangents(unknowns, targets, stretch, marks)
         determinant = sum(part * side for part, side in zip(_cross(p, a), b, strict=True))
         per = 1.0 / self.glass.media[self.media[stretch]] ** 2
         a, b = (

@@ -36,7 +36,10 @@ ROUNDS = 8
 EXACT = 1e-14
 """Step along the curve at which a meeting counts as found."""
 
-PAIRS = 1 << 17
+WIDE = 1e6
+"""Way beyond which nothing of a profile lies."""
+
+PAIRS = 1 << 16
 """Pairs of rays and cones looked at at once."""
 
 
@@ -125,6 +128,7 @@ class Profile:
     open_below: bool = False
     table: Floats = field(init=False, repr=False, compare=False)
     chords: Floats = field(init=False, repr=False, compare=False)
+    reach: float = field(init=False, repr=False, compare=False)
     ends: tuple[bool, bool] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -135,6 +139,8 @@ class Profile:
         keep = (np.maximum(z[1:], z[:-1]) >= self.low) & (np.minimum(z[1:], z[:-1]) <= self.high)
         chords = np.stack([r[:-1], z[:-1], np.diff(r), np.diff(z), ts[:-1], np.diff(ts)])
         object.__setattr__(self, "chords", chords[:, keep])
+        reach = max(r.max(), 0.0) + SAG
+        object.__setattr__(self, "reach", float(reach))
         object.__setattr__(self, "ends", (abs(r[0]) < 1e-9, abs(r[-1]) < 1e-9))
 
     @property
@@ -241,9 +247,29 @@ class Profile:
         return mark, found
 
     def _nearest_cone(self, rays: Rays, back: bool):
-        x, y, z = (part[:, None] for part in rays.place)
-        px, py, pz = (part[:, None] for part in rays.momentum)
+        x, y, z = rays.place
+        px, py, pz = rays.momentum
+        p2 = np.maximum(px * px + py * py, LEAST)
+        outward = x * px + y * py
+        # The part of a ray ahead of it, within the cylinder round the profile: its heights, and
+        # how near to the axis it comes there.
+        ell = x * py - y * px
+        square = p2 * self.reach**2 - ell * ell
+        root = np.sqrt(np.maximum(square, 0.0))
+        enters = np.maximum((-outward - root) / p2, 0.0) - NEAR
+        leaves = np.minimum((root - outward) / p2, WIDE)
+        leaves = np.where(p2 > 1e-12, leaves, WIDE)
+        begin, end = z + enters * pz, z + leaves * pz
+        low, high = np.minimum(begin, end), np.maximum(begin, end)
+        nearest = np.where(outward < 0.0, np.abs(ell) / np.sqrt(p2), np.sqrt(x * x + y * y))
         r0, z0, dr, dz, t0, dt = self.chords
+        bottom, top = np.minimum(z0, z0 + dz) - NEAR, np.maximum(z0, z0 + dz) + NEAR
+        widest = np.maximum(r0, r0 + dr) + NEAR
+        near = (low[:, None] <= top) & (high[:, None] >= bottom) & (nearest[:, None] <= widest)
+        near &= ((square > 0.0) & (leaves > 0.0))[:, None]
+        ray, chord = np.nonzero(near)
+        x, y, z, px, py, pz = (part[ray] for part in (x, y, z, px, py, pz))
+        r0, z0, dr, dz = (part[chord] for part in (r0, z0, dr, dz))
         # (dz·ρ(s))² = (r0·dz + dr·(z(s) − z0))², a chord neither level nor upright by a hair
         dz = np.where(np.abs(dz) < 1e-9, 1e-9, dz)
         rise = r0 * dz + dr * (z - z0)
@@ -252,33 +278,35 @@ class Profile:
         a = dz2 * (px * px + py * py) - slope * slope
         b = dz2 * (x * px + y * py) - slope * rise
         c = dz2 * (x * x + y * y) - rise * rise
-        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-        real = b * b >= a * c
-        q = -(b + np.copysign(root, b))
-        least = np.full(a.shape, np.inf)
-        tau = np.zeros(a.shape)
+        square = b * b - a * c
+        real = square >= 0.0
+        q = -(b + np.copysign(np.sqrt(np.maximum(square, 0.0)), b))
         per = 1.0 / (dr * dr + dz2)
-        for top, below in ((q, a), (c, q)):
-            way = top / np.where(below == 0.0, LEAST, below)
+        least, tau = np.full(len(ray), np.inf), np.zeros(len(ray))
+        for over, below in ((q, a), (c, q)):
+            way = over / np.where(below == 0.0, LEAST, below)
             height = z + way * pz - z0
-            radial2 = (x + way * px) ** 2 + (y + way * py) ** 2
-            radius = np.sqrt(radial2) - r0
+            at_x, at_y = x + way * px, y + way * py
+            size = np.sqrt(at_x * at_x + at_y * at_y)
+            radius = size - r0
             along = (radius * dr + height * dz) * per
             across = radius * dz - height * dr
-            out = (x + way * px) * px + (y + way * py) * py
-            towards = dz * out - dr * pz * np.sqrt(radial2)
+            towards = dz * (at_x * px + at_y * py) - dr * pz * size
             hit = real & (along >= -NEAR) & (along <= 1.0 + NEAR) & (way > -1e-6)
             hit &= (towards > 0.0) if back else (towards < 0.0)
             hit &= np.abs(across) < 1e-6 * (1.0 + np.abs(way))
             closer = hit & (way < least)
             least = np.where(closer, way, least)
             tau = np.where(closer, along, tau)
-        best = np.argmin(least, axis=1)
-        rows = np.arange(len(best))
-        way = least[rows, best]
-        found = np.isfinite(way)
-        t = t0[best] + dt[best] * np.clip(tau[rows, best], 0.0, 1.0)
-        return np.stack([np.where(found, way, 0.0), t]), found
+        total = len(rays.place[0])
+        mark, found = np.zeros((2, total)), np.zeros(total, dtype=bool)
+        some = np.flatnonzero(np.isfinite(least))
+        # The nearest of each ray comes last, and stays.
+        some = some[np.argsort(-least[some], kind="stable")]
+        mark[0, ray[some]] = least[some]
+        mark[1, ray[some]] = t0[chord[some]] + dt[chord[some]] * np.clip(tau[some], 0.0, 1.0)
+        found[ray[some]] = True
+        return mark, found
 
     def within(self, x, y, z) -> Flags:
         low = (z > self.low) if self.open_below else (z >= self.low)
@@ -372,7 +400,7 @@ class Profile:
             return None
         step = ts[1] if self.low > -math.inf or self.high < math.inf else 0.0
         first, last = max(0.0, inside[0] - step), min(float(self.count), inside[-1] + step)
-        return Patch(self, (middle - math.pi, first), (middle + math.pi, last), (36, 20), 4)
+        return Patch(self, (middle - math.pi, first), (middle + math.pi, last), (36, 20), 4, 3)
 
     def coordinates(self, x, y, z, t) -> tuple:
         return np.arctan2(y, x), t

@@ -299,7 +299,7 @@ class Patch:
     """The rectangle of an interface's coordinates in which a viewpoint's rays first meet it.
 
     `base`: into how many cells it is cut first, `looks`: rays along the side of a cell that look
-    for a path's region.
+    for a path's region, `deepest`: halvings of a cell where rays end to exist.
     """
 
     surface: object
@@ -307,6 +307,7 @@ class Patch:
     high: tuple[float, float]
     base: tuple[int, int] = (24, 12)
     looks: int = 8
+    deepest: int = 4
 
     def places(self, share) -> tuple:
         """Places at shares (..., 2) of the rectangle: x, y, z and what else the surface needs."""
