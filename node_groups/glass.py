@@ -107,6 +107,21 @@ def _interface(b: TreeBuilder) -> None:
         default=1.0,
         description="Index of refraction of the contents: 1 for air, 1.333 for water",
     )
+    for medium, of in (("", "the glass"), ("Contents ", "the contents")):
+        b.socket(
+            f"{medium}Absorption Color",
+            "Color",
+            default=(1.0, 1.0, 1.0, 1.0),
+            description=f"What white light becomes that runs the distance below through {of}",
+        )
+        b.socket(
+            f"{medium}Absorption Distance",
+            "Float",
+            default=0.01,
+            minimum=0.0,
+            subtype="DISTANCE",
+            description=f"How far light runs through {of} until it has the colour above",
+        )
     b.socket(
         "Seen Through",
         "Collection",

@@ -78,7 +78,7 @@ def render_reference(
             temporary.callback(setattr, obj, "hide_render", obj.hide_render)
             obj.hide_render = True
         _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)
-        materials: dict[float, bpy.types.Material] = {}
+        materials: dict[tuple, bpy.types.Material] = {}
         for glass in glasses:
             obj = _glass_object(glass, surface, glass_shadows, materials, temporary)
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
@@ -180,7 +180,7 @@ def _glass_object(
     glass: Glass,
     surface: str,
     glass_shadows: bool,
-    materials: dict[float, bpy.types.Material],
+    materials: dict[tuple, bpy.types.Material],
     temporary: ExitStack,
 ) -> bpy.types.Object:
     """An object of the glass's interfaces; what it is made of is removed with ``temporary``."""
@@ -189,16 +189,20 @@ def _glass_object(
     temporary.callback(bpy.data.meshes.remove, mesh)
     mesh[TAG] = ROLE
     _fill_mesh(mesh, surfaces)
-    slots: dict[float, int] = {}
-    for eta in (s.ior_inside / s.ior_outside for s in surfaces):
-        if eta not in materials:
-            materials[eta] = _glass_material(surface, glass_shadows, eta)
-            temporary.callback(bpy.data.materials.remove, materials[eta])
-        if eta not in slots:
-            slots[eta] = len(slots)
-            mesh.materials.append(materials[eta])
+    slots: dict[tuple, int] = {}
+    kinds = [_kind(glass, interface) for interface in surfaces]
+    for kind in kinds:
+        if kind not in materials:
+            materials[kind] = _glass_material(surface, glass_shadows, *kind)
+            temporary.callback(bpy.data.materials.remove, materials[kind])
+        if kind not in slots:
+            slots[kind] = len(slots)
+            mesh.materials.append(materials[kind])
     index = np.concatenate(
-        [np.full(len(s.sizes), slots[s.ior_inside / s.ior_outside], np.int32) for s in surfaces]
+        [
+            np.full(len(interface.sizes), slots[kind], np.int32)
+            for interface, kind in zip(surfaces, kinds, strict=True)
+        ]
     )
     mesh.polygons.foreach_set("material_index", index)
     obj = bpy.data.objects.new(mesh.name, mesh)
@@ -206,6 +210,21 @@ def _glass_object(
     obj[TAG] = ROLE
     obj.matrix_world = Matrix(glass.to_world.tolist())
     return obj
+
+
+def _kind(glass: Glass, surface: Surface) -> tuple:
+    """What a surface's material depends on: relative ior, absorption before and behind it."""
+    eta = surface.ior_inside / surface.ior_outside
+    if not glass.is_tinted:
+        return (eta, None, None)
+    place, _, number = surface.name.rpartition(" ")
+    number = int(number)
+    if place in {"wall", "interface", "shell"}:
+        # All but the first look back into the medium behind them.
+        media = (0, 1) if number == 0 else (number + 1, number)
+    else:
+        media = (0, number + 1)
+    return (eta, *(glass.absorption[medium] for medium in media))
 
 
 def _fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
@@ -228,8 +247,14 @@ def _fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
     attribute.data.foreach_set("vector", normals.astype(np.float32).ravel())
 
 
-def _glass_material(surface: str, glass_shadows: bool, eta: float) -> bpy.types.Material:
-    """A clear material whose back is ``eta`` times as dense as its front."""
+def _glass_material(
+    surface: str, glass_shadows: bool, eta: float, before: tuple | None, behind: tuple | None
+) -> bpy.types.Material:
+    """A clear material whose back is ``eta`` times as dense as its front.
+
+    ``before`` and ``behind`` are the absorption coefficients (red, green, blue, per metre) of the
+    media at its front and back, or None: what a ray lost on its way to the surface, it loses there.
+    """
     material = bpy.data.materials.new(f"{surface.title()} {eta:g} {ROLE}")
     material[TAG] = ROLE
     tree = material.node_tree
@@ -238,6 +263,8 @@ def _glass_material(surface: str, glass_shadows: bool, eta: float) -> bpy.types.
     shader.inputs["Color"].default_value = (1, 1, 1, 1)
     shader.inputs["Roughness"].default_value = 0
     shader.inputs["IOR"].default_value = eta
+    if before is not None:
+        tree.links.new(_left_over(tree, before, behind), shader.inputs["Color"])
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     if glass_shadows:
         tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
@@ -255,3 +282,26 @@ def _glass_material(surface: str, glass_shadows: bool, eta: float) -> bpy.types.
     tree.links.new(shader.outputs["BSDF"], mix.inputs[2])
     tree.links.new(mix.outputs[0], output.inputs["Surface"])
     return material
+
+
+def _left_over(tree: bpy.types.NodeTree, before: tuple, behind: tuple) -> bpy.types.NodeSocket:
+    """Beer and Lambert's law for the way since the last surface, without a volume's noise."""
+    side = tree.nodes.new("ShaderNodeNewGeometry")
+    ray = tree.nodes.new("ShaderNodeLightPath")
+    join = tree.nodes.new("ShaderNodeCombineColor")
+    for channel, (front, back) in enumerate(zip(before, behind, strict=True)):
+        coefficient = _math(tree, "MULTIPLY_ADD", side.outputs["Backfacing"], front - back, -front)
+        depth = _math(tree, "MULTIPLY", coefficient, ray.outputs["Ray Length"])
+        tree.links.new(_math(tree, "EXPONENT", depth), join.inputs[channel])
+    return join.outputs["Color"]
+
+
+def _math(tree: bpy.types.NodeTree, operation: str, *values) -> bpy.types.NodeSocket:
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for slot, value in enumerate(values):
+        if isinstance(value, bpy.types.NodeSocket):
+            tree.links.new(value, node.inputs[slot])
+        else:
+            node.inputs[slot].default_value = value
+    return node.outputs[0]

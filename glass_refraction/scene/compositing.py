@@ -12,9 +12,10 @@ import bpy
 import numpy as np
 
 from .arrays import write_image
+from .glasses import Glass
 from .layers import DEPTH_LAYER, Layers, Pane
 from .names import TAG, hidden_name, own
-from .regions import Regions
+from .regions import Regions, tints
 from .viewpoint import Viewpoint
 
 DEPTH_TOLERANCE = 0.004
@@ -92,7 +93,9 @@ def has_group(scene: bpy.types.Scene) -> bool:
     return tree is not None and any(n.get(TAG) == "group" for n in tree.nodes)
 
 
-def write_weights(scene: bpy.types.Scene, pane: Pane, regions: Regions, view: Viewpoint) -> None:
+def write_weights(
+    scene: bpy.types.Scene, pane: Pane, glass: Glass, regions: Regions, view: Viewpoint
+) -> None:
     """Write a glass's path weights into the images that the node group reads."""
     x0, y0, x1, y1 = view.window
     for number, shares in enumerate(regions.shares):
@@ -102,6 +105,9 @@ def write_weights(scene: bpy.types.Scene, pane: Pane, regions: Regions, view: Vi
             continue
         pixels = np.ones((y1 - y0, x1 - x0, 4), np.float32)
         pixels[..., :3] = regions.full(shares, view.size)[y0:y1, x0:x1, None]
+        if glass.is_tinted:
+            tint = np.moveaxis(tints(glass, view, regions, regions.paths[number]), 2, 0)
+            pixels[..., :3] *= np.moveaxis(regions.full(tint, view.size), 0, 2)[y0:y1, x0:x1]
         write_image(image, pixels)
 
 

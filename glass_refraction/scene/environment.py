@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import bpy
-import numpy as np
 
 from .. import optics
 from .arrays import write_attribute, write_polygons
@@ -152,7 +151,7 @@ def write_screen(mesh: bpy.types.Mesh, view: Viewpoint, screen: Screen, depth: f
     mesh.clear_geometry()
     write_polygons(mesh, places, screen.cells)
     for number, weight in enumerate(screen.weights):
-        colour = np.repeat(weight[:, None], 3, axis=1)
+        colour = weight[:, None] * screen.tints[number]
         for part, values in zip(
             _PARTS, (screen.origins[number], screen.directions[number], colour), strict=True
         ):

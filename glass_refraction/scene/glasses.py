@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from .. import optics
-from .modifier_inputs import read_input
+from .modifier_inputs import has_input, read_input
 from .names import RefractiveGlassError, own
 from .visibility import rendered_objects
 
@@ -18,6 +18,9 @@ from .visibility import rendered_objects
 _RIGID_TOLERANCE = 1e-4
 # What goes less deep into a glass than this, relative to its size, stands against it.
 _TOUCHING = 1e-3
+# Limits of absorption: the darkest colour and the shortest distance, metres.
+_DARKEST = 1e-6
+_SHORTEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,18 +32,21 @@ class Glass:
     name : the object's name.
     description : the optics description, in metres of world scale, in its own frame.
     to_world : (4, 4) float64, rigid: from the description's frame to the world.
+    absorption : one (red, green, blue) for each of the description's media: absorption
+        coefficients a, per metre; exp(-a length) of the light remains (Beer and Lambert).
     """
 
     name: str
     description: optics.FlatGlass | optics.CylinderGlass | optics.SphereGlass
     to_world: np.ndarray
+    absorption: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         self.to_world.flags.writeable = False
 
     def stamp(self) -> tuple:
         """What the optics depend on; equal stamps give equal pictures."""
-        return (self.name, self.description, self.to_world.tobytes())
+        return (self.name, self.description, self.to_world.tobytes(), self.absorption)
 
     def from_world(self) -> np.ndarray:
         """(3, 4) float64: world points into the glass's frame."""
@@ -70,6 +76,22 @@ class Glass:
             skin = _TOUCHING * (high - low)
             inside &= (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
         return inside
+
+    @property
+    def is_tinted(self) -> bool:
+        """Whether any medium takes light away."""
+        return any(any(coefficients) for coefficients in self.absorption)
+
+    def transmittance(self, eye, directions: np.ndarray, path: optics.LightPath) -> np.ndarray:
+        """(M, 3) what the media let through along a path; 1 where the ray does not take it.
+
+        Parameters
+        ----------
+        eye : (3,) or (M, 3); directions : (M, 3); both in the glass's frame.
+        """
+        lengths, media = optics.path_lengths(unbounded(self.description), eye, directions, path)
+        depth = np.einsum("smc,sm->mc", np.asarray(self.absorption)[media], lengths)
+        return np.exp(-depth)
 
     def points_to_world(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the glass's frame in the world."""
@@ -146,7 +168,27 @@ def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
             description = _coaxial(shape, size, ior, contents)
     except ValueError as error:
         raise RefractiveGlassError(f'Glass "{obj.name}": {error}') from error
-    return Glass(obj.name, description, pose)
+    return Glass(obj.name, description, pose, _absorption(modifier, description, scale))
+
+
+def _absorption(modifier, description, scale: float) -> tuple[tuple[float, float, float], ...]:
+    """Coefficients of every medium; what lies around a glass takes no light."""
+    clear = (0.0, 0.0, 0.0)
+    found = []
+    for medium in ("", "Contents "):
+        if not has_input(modifier, f"{medium}Absorption Color"):
+            found.append(clear)
+            continue
+        colour = np.array(read_input(modifier, f"{medium}Absorption Color"), float)[:3]
+        distance = float(read_input(modifier, f"{medium}Absorption Distance")) * scale
+        # Black at no distance would be infinitely dense: as good as.
+        depth = -np.log(np.clip(colour, _DARKEST, 1.0)) / max(distance, _SHORTEST)
+        found.append(tuple(float(a) for a in depth + 0.0))
+    glass, contents = found
+    if isinstance(description, optics.FlatGlass):
+        # The length behind a slab is not the glass's: it ends wherever something is.
+        return (clear, glass, clear)
+    return (clear, glass, contents)[: len(description.media)]
 
 
 def _coaxial(shape: str, size: dict[str, float], ior: float, contents: float):

@@ -166,6 +166,10 @@ class PathRays:
         total = weights.sum(axis=0)
         return weights / np.where(total > 0, total, 1.0)
 
+    def transmittance(self, path: optics.LightPath, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(M, 3) what the media let through along a path."""
+        return self.glass.transmittance(*self.view.rays_in(self.glass, x, y), path)
+
     def bounded(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(P, M) whether the path is taken with every face met within its extent."""
         eye, directions = self.view.rays_in(self.glass, x, y)
@@ -200,10 +204,27 @@ class PathRays:
         dx, dy = _filter_places()
         found, hit, _ = self.weights((x[:, None] + dx).ravel(), (y[:, None] + dy).ravel())
         found = np.concatenate((found, self.shared(found)))
-        hit = hit.reshape(len(x), -1)
+        hit = hit.reshape(len(x), len(dx))
         total = np.einsum("pmk,mk->pm", found.reshape(len(found), *hit.shape), hit)
         cover = hit.sum(axis=1)
         return total / np.where(cover > 0, cover, 1.0), cover / len(dx)
+
+
+def tints(glass: Glass, view: Viewpoint, regions: Regions, path: optics.LightPath) -> np.ndarray:
+    """(h, w, 3) what the glass's media let through along a path, for every pixel's centre.
+
+    A few pixels beyond the path's region those of the nearest pixels in it.
+    """
+    x0, y0, x1, y1 = regions.rect
+    x, y = np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
+    rays = PathRays(glass, view, (path,), True)
+    _, _, taken = rays.weights(x.ravel(), y.ravel())
+    known = taken[0].reshape(x.shape)
+    found = np.ones((3, *x.shape))
+    rows, columns = np.nonzero(known)
+    found[:, rows, columns] = rays.transmittance(path, x[known], y[known]).T
+    _spread(found, known)
+    return np.moveaxis(found, 0, 2)
 
 
 def _filter_places() -> np.ndarray:

@@ -42,6 +42,7 @@ class Screen:
     cells : (C, 4) squares of vertices, anticlockwise.
     weights : (P, V) part of the light along each path; the parts of a ray sum to one. A few pixels
         beyond the outline those of the nearest rays in it.
+    tints : (P, V, 3) what the glass's media let through of it.
     origins, directions : (P, V, 3) of the rays after the path's last event, in the world; 0 where
         no ray near takes the path.
     """
@@ -49,6 +50,7 @@ class Screen:
     pixels: np.ndarray
     cells: np.ndarray
     weights: np.ndarray
+    tints: np.ndarray
     origins: np.ndarray
     directions: np.ndarray
 
@@ -60,13 +62,17 @@ def build_screen(glass: Glass, view: Viewpoint, regions: Regions, *, fresnel: bo
     corners, index = np.unique(_key(cells), return_inverse=True)
     cells = index.reshape(-1, 4)
     weights, hit, taken, origins, directions = samples.at(corners)
-    for number in range(len(weights)):
-        rays = np.concatenate((origins[number], directions[number]), axis=1)
-        _spread(rays, taken[number].copy(), cells)
-        origins[number], directions[number] = rays[:, :3], rays[:, 3:]
+    tints = np.ones_like(origins)
+    for number, path in enumerate(regions.paths):
+        on = taken[number]
+        if glass.is_tinted:
+            tints[number, on] = samples.transmittance(path, corners[on])
+        rays = np.concatenate((origins[number], directions[number], tints[number]), axis=1)
+        _spread(rays, on.copy(), cells)
+        origins[number], directions[number], tints[number] = np.split(rays, 3, axis=1)
     parts = samples.shared(weights).T.copy()
     _spread(parts, hit.copy(), cells)
-    return Screen(samples.pixels(corners), cells, parts.T, origins, directions)
+    return Screen(samples.pixels(corners), cells, parts.T, tints, origins, directions)
 
 
 _STRIDE = 1 << 20
@@ -102,6 +108,10 @@ class _Samples:
         """(N, 2) places in the picture."""
         return np.column_stack((keys % _STRIDE, keys // _STRIDE)) / FINEST + self._origin
 
+    def transmittance(self, path: optics.LightPath, keys: np.ndarray) -> np.ndarray:
+        """(N, 3) what the glass's media let through along a path that all these rays take."""
+        return self._rays.transmittance(path, *self.pixels(keys).T)
+
     def at(self, keys: np.ndarray):
         """Weights (P, N), hit (N,), taken (P, N), origins and directions (P, N, 3)."""
         new = np.setdiff1d(keys, self._keys)
@@ -121,8 +131,8 @@ class _Samples:
         weights, hit, taken = self._rays.weights(x, y)
         weights = np.where(taken, weights, 0.0)
         glass, view = self._glass, self._view
-        starts, rays = view.rays(x, y)
-        starts, rays = glass.to_local(starts), glass.direction_to_local(rays)
+        starts, rays = view.rays_in(glass, x, y)
+        starts = np.broadcast_to(starts, rays.shape)
         origins = np.zeros((*taken.shape, 3))
         directions = np.zeros((*taken.shape, 3))
         description = unbounded(glass.description)

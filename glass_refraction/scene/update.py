@@ -285,7 +285,7 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
     regions = path_regions(glass, view, pane.paths, fresnel=fresnel)
     counters["masks"] += 1
     counters["mask_pixels"] += regions.hit.size
-    write_weights(scene, pane, regions, view)
+    write_weights(scene, pane, glass, regions, view)
     _write_hull(layers.hull(pane.glass.name), glass, view)
     if around:
         screen = build_screen(glass, view, regions, fresnel=fresnel)

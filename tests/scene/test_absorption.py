@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Coloured glass: what Beer and Lambert's law leaves of the light, here and in the reference."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction import optics
+from glass_refraction.reference.cycles import render_reference
+from glass_refraction.scene.glasses import glass_modifier, read_glasses
+from glass_refraction.scene.modifier_inputs import write_input
+
+COLOUR = np.array((0.2, 0.5, 0.8))
+THICKNESS = 0.02
+
+
+def _white(scene):
+    scene.world = bpy.data.worlds.new("World")
+    background = next(n for n in scene.world.node_tree.nodes if n.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+
+
+def _tint(obj, colour, distance, medium=""):
+    write_input(glass_modifier(obj), f"{medium}Absorption Color", (*colour, 1.0))
+    write_input(glass_modifier(obj), f"{medium}Absorption Distance", distance)
+
+
+def _coloured_pane(**settings):
+    """A pane seen square on, in a white world; its colour is that of light once through it."""
+    scenes.camera(location=(0.0, 0.0, 0.5), tilt=0.0, lens=200.0)
+    scene = scenes.settings(24, 18, samples=64, surface="GLASS", **settings)
+    scene.refractive_glass.min_weight = 1e-4
+    _white(scene)
+    bpy.ops.mesh.primitive_plane_add(size=1e-3, location=(0.0, 500.0, -500.0))
+    bpy.context.object.data.materials.append(scenes.emissive("speck", (1.0, 1.0, 1.0)))
+    pane = scenes.glass(shape="SLAB", radius=0.3, wall_thickness=THICKNESS)
+    _tint(pane, COLOUR, THICKNESS)
+    return scene
+
+
+def _between_mirrors():
+    """What a pane in white light shows square on: a geometric series over the passes."""
+    lost = float(optics.fresnel(np.array([1.0]), 1.0 / 1.5)[0])
+    return lost + (1.0 - lost) ** 2 * COLOUR / (1.0 - lost * COLOUR)
+
+
+@pytest.mark.parametrize("shading", ["DISPLACED", "TRUE"])
+def test_a_pane_has_its_colour_once_a_pass(tmp_path, shading):
+    scene = _coloured_pane(shading=shading)
+    found = scenes.picture(scene, tmp_path)[6:12, 8:16, :3]
+    # One path a sample is followed: a mean over pixels.
+    np.testing.assert_allclose(found.mean(axis=(0, 1)), _between_mirrors(), atol=4e-3)
+
+
+def test_the_reference_has_the_same_colour():
+    scene = _coloured_pane()
+    found = render_reference(scene, samples=256)[6:12, 8:16, :3]
+    np.testing.assert_allclose(found.mean(axis=(0, 1)), _between_mirrors(), atol=4e-3)
+
+
+def test_a_scaled_glass_looks_the_same():
+    scenes.camera()
+    scenes.striped_wall()
+    scenes.settings()
+    obj = scenes.glass(shape="CYLINDER", contents_ior=1.333)
+    _tint(obj, COLOUR, 0.01)
+    _tint(obj, COLOUR[::-1], 0.02, "Contents ")
+    bpy.context.view_layer.update()
+    small = read_glasses(scenes.depsgraph())[0]
+    obj.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    large = read_glasses(scenes.depsgraph())[0]
+    eye, direction, path = np.array((0.0, -1.0, 0.1)), np.array([(0.01, 1.0, 0.02)]), "TTTT"
+    path = optics.LightPath(path)
+    seen = small.transmittance(eye, direction, path)
+    np.testing.assert_allclose(large.transmittance(2.0 * eye, direction, path), seen, rtol=1e-6)
+    assert (seen < 1.0).all()
+
+
+def test_white_is_clear_and_black_is_not_infinite():
+    scenes.camera()
+    scenes.striped_wall()
+    obj = scenes.glass(shape="SPHERE", wall_thickness=0.0)
+    assert not read_glasses(scenes.depsgraph())[0].is_tinted
+    _tint(obj, (0.0, 0.0, 0.0), 0.0)
+    bpy.context.view_layer.update()
+    found = read_glasses(scenes.depsgraph())[0]
+    assert found.is_tinted
+    assert np.isfinite(found.absorption).all()
+    eye, direction = np.array((0.0, -1.0, 0.0)), np.array([(0.0, 1.0, 0.0)])
+    seen = found.transmittance(eye, direction, optics.LightPath("TT"))
+    np.testing.assert_array_equal(seen, 0.0)
