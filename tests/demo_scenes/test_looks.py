@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The scenes that show what glass looks like: they build, lit and unlit, and hold their glasses."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+FOLDER = Path(__file__).parents[2] / "demo_scenes"
+sys.path.insert(0, str(FOLDER))
+
+import aquarium  # noqa: E402
+import fishbowl  # noqa: E402
+import gems  # noqa: E402
+import verge  # noqa: E402
+
+import common  # noqa: E402
+from glass_refraction.optics import MEDIA  # noqa: E402
+from glass_refraction.scene.glasses import read_glasses  # noqa: E402
+from glass_refraction.scene.sources import reaches_into  # noqa: E402
+
+SCRIPTS = {"verge": verge, "aquarium": aquarium, "fishbowl": fishbowl, "gems": gems}
+GLASSES = {"verge": 2, "aquarium": 1, "fishbowl": 1, "gems": len(MEDIA)}
+
+
+@pytest.fixture(autouse=True)
+def _extension():
+    common.register_extension()
+
+
+def _glasses():
+    return {g.name: g for g in read_glasses(bpy.context.evaluated_depsgraph_get())}
+
+
+@pytest.mark.parametrize("unlit", [False, True])
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_it_builds_with_all_its_glasses(name, unlit):
+    scene = SCRIPTS[name].build(unlit=unlit)
+    assert len(_glasses()) == GLASSES[name]
+    assert scene.refractive_glass.shading == ("DISPLACED" if unlit else "TRUE")
+    surfaces = {
+        node.type
+        for obj in scene.objects
+        if obj.type == "MESH" and obj.name not in _glasses()
+        for slot in obj.material_slots
+        for node in slot.material.node_tree.nodes
+    }
+    assert ("EMISSION" in surfaces) == unlit
+    assert ("BSDF_DIFFUSE" in surfaces) != unlit
+
+
+def test_the_verges_walls_are_on_either_side_of_what_parts_them():
+    verge.build()
+    found = {name: g.description for name, g in _glasses().items()}
+    # Pure two-refraction rays pass a wall only where the cavity is narrower than 1 / n.
+    share = {name: d.radius[1] / d.radius[0] for name, d in found.items()}
+    assert share["Thick glass"] < 1.0 / verge.IOR < share["Thin glass"]
+
+
+def test_the_fish_swims_in_the_bowl_and_behind_the_wall():
+    fishbowl.build()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    (bowl,) = _glasses().values()
+    assert reaches_into(bowl, bpy.data.objects["Goldfish"], depsgraph)
+    assert not reaches_into(bowl, bpy.data.objects["Desk"], depsgraph)
+    scene = aquarium.build()
+    (wall,) = _glasses().values()
+    for name in aquarium.FISH:
+        corners = [
+            scene.objects[name].matrix_world @ v.co for v in scene.objects[name].data.vertices
+        ]
+        assert wall.to_local(np.array(corners))[:, 2].max() < -aquarium.WALL
+
+
+def test_every_medium_hangs_there_and_the_coloured_ones_are_tinted():
+    gems.build()
+    found = _glasses()
+    for name, ior in MEDIA.items():
+        assert found[name].description.ior[0] == pytest.approx(ior)
+        assert found[name].is_tinted == (name in gems.COLOURS)
+
+
+def test_the_sky_has_all_directions_and_no_seam():
+    sky = common.sky_picture()
+    assert sky.shape == (256, 512, 3)
+    assert sky.min() > 0.0 and sky.max() > 2.0
+    assert np.abs(sky[:, 0] - sky[:, -1]).max() < 0.1
