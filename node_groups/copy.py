@@ -29,6 +29,7 @@ def build():
     b.socket("Source", "Object", description="The object that is seen through the glass")
     b.socket("Slots", "Int", default=1, minimum=1, description="Images of each vertex")
     b.socket("Whole", "Bool", description="Every vertex has an image: no face is to be dropped")
+    b.socket("Lit", "Bool", default=True, description="It is shaded, so it needs its normals")
     group = b.node("NodeGroupInput")
     carrier = group.outputs["Geometry"]
 
@@ -105,7 +106,7 @@ def build():
     b.link(left, normals.inputs["Mesh"])
     b.link(capture.outputs["Normal"], enabled(normals.inputs, "Custom Normal"))
     end = b.node("NodeGroupOutput")
-    b.link(normals.outputs[0], end.inputs[0])
+    b.link(b.switch("GEOMETRY", group.outputs["Lit"], left, normals.outputs[0]), end.inputs[0])
     return b.tree
 
 

@@ -46,6 +46,7 @@ def write_copy(
     if looked_up:
         lookup = np.tile(view.lookup(shape.triangles.points), (len(slots), 1))
     write_input(copy.modifiers[0], "Whole", bool(seen.min() == 1.0))
+    write_input(copy.modifiers[0], "Lit", not looked_up)
     if shape.refined:
         _write_repeated(copy, source.mesh(), shape.triangles, len(slots))
         _write_carrier(copy.data, where, seen, lookup, keep_mesh=True)
