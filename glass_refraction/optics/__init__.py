@@ -9,6 +9,7 @@ from .laws import fresnel, reflect, refract
 from .lengths import path_lengths
 from .media import MEDIA
 from .paths import LightPath, ParallelView
+from .revolution import RevolutionGlass
 from .tracing import TracedRays, trace
 from .tumbler import Tumbler
 from .weights import light_paths, path_weights
@@ -20,6 +21,7 @@ __all__ = [
     "FlatGlass",
     "LightPath",
     "ParallelView",
+    "RevolutionGlass",
     "SphereGlass",
     "TracedRays",
     "Tumbler",

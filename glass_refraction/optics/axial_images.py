@@ -411,7 +411,8 @@ class Search:
         shares, _, _ = self._shares(index, cells)
         unknowns = self._blend(cells, np.clip(shares, -0.5, 0.5))
         aims = tuple(self.targets[index].T)
-        return self._describe(index, unknowns, aims, np.ones(len(index)), self._marks(cells))
+        ones = np.ones(len(index))
+        return self._describe(index, unknowns, aims, ones, self._marks(cells), proof=False)
 
     def _pairs(self, groups: Clusters):
         """Which groups may have targets in which tubes, and the tube nearest to each target."""
@@ -623,7 +624,7 @@ class Search:
     def _allowed(self) -> float:
         return max(self.tolerance * 0.03, 1e-12)
 
-    def _describe(self, index, unknowns, aims, bend, marks) -> Found:
+    def _describe(self, index, unknowns, aims, bend, marks, proof=True) -> Found:
         """Where rays run that should meet targets."""
         passage, stretch = self.passage, self.stretch
         course = passage.course(unknowns, marks)
@@ -636,7 +637,7 @@ class Search:
         length = course.lengths[stretch] + way * ior
         edge = 1e-9 * (1.0 + np.abs(length))
         on = course.exists & (way >= -edge) & (way <= course.ways[stretch] + edge)
-        unsure = np.flatnonzero(on & ~self.lattice.certain(unknowns))
+        unsure = np.flatnonzero(on & ~self.lattice.certain(unknowns)) if proof else []
         on[unsure] = passage.takes(tuple(part[unsure] for part in unknowns))
         x, y, _ = (np.broadcast_to(part, residual.shape) for part in line.at(way))
         outward = x * line.momentum[0] + y * line.momentum[1] > 0.0

@@ -33,8 +33,8 @@ SAG = 2e-4
 ROUNDS = 8
 """Most steps of Newton's method to a meeting."""
 
-EXACT = 1e-14
-"""Step along the curve at which a meeting counts as found."""
+EXACT = 1e-8
+"""Step at which a meeting counts as found: the step that would follow is below rounding."""
 
 WIDE = 1e6
 """Way beyond which nothing of a profile lies."""
@@ -207,31 +207,42 @@ class Profile:
         return towards > 0.0 if back else towards < 0.0
 
     def _refine(self, rays: Rays, way, t):
-        """Newton's steps in s and t together."""
+        """Newton's steps in s and t together; and which came to rest."""
         x, y, z = rays.place
         px, py, pz = rays.momentum
-        p2 = px * px + py * py
-        outward = x * px + y * py
-        r02 = x * x + y * y
-        moved = np.full(np.shape(way), np.inf)
+        shape = np.broadcast_shapes(np.shape(way), np.shape(x), np.shape(px))
+        parts = [px * px + py * py, x * px + y * py, x * x + y * y, z, pz]
+        parts = [np.broadcast_to(part, shape) for part in parts]
+        way, t = (np.array(np.broadcast_to(part, shape)) for part in (way, t))
+        rests = np.zeros(shape, dtype=bool)
+        index, here = None, (way, t)
         for _ in range(ROUNDS):
-            r, height, r1, z1, _, _ = self.on_curve(t)
-            off = ((p2 * way + 2.0 * outward) * way + r02) - r * r
-            rise = z + way * pz - height
-            w = 2.0 * (outward + way * p2)
+            p2, outward, size2, z, pz = parts
+            s, at = here
+            r, height, r1, z1, *_ = self.on_curve(at)
+            off = ((p2 * s + 2.0 * outward) * s + size2) - r * r
+            rise = z + s * pz - height
+            w = 2.0 * (outward + s * p2)
             rr = 2.0 * r * r1
             determinant = rr * pz - w * z1
             inverse = 1.0 / np.where(determinant == 0.0, LEAST, determinant)
-            step_way = (z1 * off - rr * rise) * inverse
-            step_t = (pz * off - w * rise) * inverse
-            step_t = np.clip(step_t, -0.7, 0.7)
-            way = way + np.clip(step_way, -2.0, 2.0)
-            t = self._inside(t + step_t)
-            t = np.clip(t, -0.5, self.count + 0.5)
-            moved = np.abs(step_t) + np.abs(step_way)
-            if not np.any(moved > EXACT):
+            step_way = np.clip((z1 * off - rr * rise) * inverse, -2.0, 2.0)
+            step_t = np.clip((pz * off - w * rise) * inverse, -0.7, 0.7)
+            s = s + step_way
+            at = np.clip(self._inside(at + step_t), -0.5, self.count + 0.5)
+            done = np.abs(step_t) + np.abs(step_way) < EXACT
+            if index is None:
+                index = np.arange(len(done))
+            way[index], t[index], rests[index] = s, at, done
+            going = np.flatnonzero(~done)
+            if not len(going):
                 break
-        return way, t, moved < 1e-9
+            if 2 * len(going) > len(done):
+                here = s, at
+                continue
+            index, here = index[going], (s[going], at[going])
+            parts = [part[going] for part in parts]
+        return way, t, rests
 
     def _search(self, rays: Rays, back: bool):
         """Mark of the nearest meeting with the chain of cones, and which rays have one."""
@@ -278,9 +289,11 @@ class Profile:
         a = dz2 * (px * px + py * py) - slope * slope
         b = dz2 * (x * px + y * py) - slope * rise
         c = dz2 * (x * x + y * y) - rise * rise
-        square = b * b - a * c
+        # b² − a·c over dz², without the large terms that cancel
+        square = (rise * px - slope * x) ** 2 + (rise * py - slope * y) ** 2
+        square -= dz2 * (x * py - y * px) ** 2
         real = square >= 0.0
-        q = -(b + np.copysign(np.sqrt(np.maximum(square, 0.0)), b))
+        q = -(b + np.copysign(dz * np.sqrt(np.maximum(square, 0.0)), b))
         per = 1.0 / (dr * dr + dz2)
         least, tau = np.full(len(ray), np.inf), np.zeros(len(ray))
         for over, below in ((q, a), (c, q)):
