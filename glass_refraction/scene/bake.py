@@ -220,6 +220,12 @@ class Baking:
         RefractiveGlassError
             Blender does not read the files as they were written; the bake is undone then.
         """
+        try:
+            return self._finish()
+        finally:
+            self._leave()
+
+    def _finish(self) -> Contents:
         scene, layers = self.scene, self._layers
         old = self._old if self._fits else None
         contents = Contents(
@@ -245,7 +251,6 @@ class Baking:
         # The carriers do not hold any more what is remembered of them.
         door.forget()
         wrong = self._misread()
-        self._leave()
         if wrong:
             free(scene)
             raise RefractiveGlassError(

@@ -46,13 +46,16 @@ class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type == "ESC":
-            return self._stop(context, "Baking was cancelled")
+            self.cancel(context)
+            self.report({"WARNING"}, "Baking was cancelled")
+            return {"CANCELLED"}
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}
         try:
             self._step(context)
         except (RefractiveGlassError, RuntimeError, OSError) as error:
-            return self._stop(context, str(error))
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return self._finish(context) if self._baking.frame is None else {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -63,11 +66,14 @@ class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
             while self._baking.frame is not None:
                 self._step(context)
         except (RefractiveGlassError, RuntimeError, OSError) as error:
-            return self._stop(context, str(error))
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return self._finish(context)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        self._stop(context, "Baking was cancelled")
+        """Also called by Blender, when it closes the window that the operator runs in."""
+        self._tidy(context)
+        self._baking.cancel()
 
     def _start(self, context: bpy.types.Context) -> bool:
         scene = context.scene
@@ -94,7 +100,12 @@ class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
                 f"Refractive Glass: baking frame {baking.frame} of {baking.frames[0]} to "
                 f"{baking.frames[-1]}; Esc cancels"
             )
-        baking.step()
+        try:
+            baking.step()
+        except BaseException:
+            # Whatever it is: the scene must not be left as one that is being baked.
+            self.cancel(context)
+            raise
         context.window_manager.progress_update(int(100 * baking.share))
 
     def _finish(self, context: bpy.types.Context) -> set[str]:
@@ -114,12 +125,6 @@ class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
         size = f"{1e-6 * geometry_bytes(baking.folder):,.1f} MB"
         self.report({"INFO"}, f"Baked frames {frames} in {baking.directory}, {size}: save the file")
         return {"FINISHED"}
-
-    def _stop(self, context: bpy.types.Context, message: str) -> set[str]:
-        self._tidy(context)
-        self._baking.cancel()
-        self.report({"ERROR"}, message)
-        return {"CANCELLED"}
 
     def _tidy(self, context: bpy.types.Context) -> None:
         manager = context.window_manager

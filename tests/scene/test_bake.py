@@ -12,7 +12,7 @@ import scenes
 
 from glass_refraction.scene import update as door
 from glass_refraction.scene.bake import Baking
-from glass_refraction.scene.bake_playback import baked
+from glass_refraction.scene.bake_playback import baked, is_held
 from glass_refraction.scene.layers import find_layers
 from glass_refraction.scene.names import RefractiveGlassError, own
 
@@ -262,6 +262,7 @@ def test_a_bake_survives_saving_loading_and_renaming(tmp_path):
     bpy.ops.scene.refractive_glass_bake_free()
     assert not _baked_folder(tmp_path).exists()
     assert find_layers(scene) is not None
+    assert len([s for s in bpy.data.scenes if own(s)]) == len(find_layers(scene).all())
 
 
 def test_cameras_are_switched_by_markers_without_the_extension(tmp_path):
@@ -522,3 +523,23 @@ def test_motion_blur_without_the_extension(tmp_path, position, capfd):
     assert times == {f"{frame:05d}_00000" for frame in range(5)}
     for now, then in zip(_pictures(scene, tmp_path, "again"), still, strict=True):
         np.testing.assert_array_equal(now, then)
+
+
+@pytest.mark.parametrize("place", ["GeometryWriter.write", "attach"])
+def test_a_failure_leaves_no_scene_in_the_middle_of_a_bake(tmp_path, monkeypatch, place):
+    scene, _, _ = _scene(tmp_path)
+
+    def fail(*_):
+        raise ArithmeticError("for the test")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(f"glass_refraction.scene.bake.{place}", fail)
+        with pytest.raises(RuntimeError, match="for the test"):
+            _bake()
+    assert not is_held(scene)
+    assert scene.frame_current == 1
+    assert scene.render.engine == "CYCLES"
+    if place != "attach":
+        assert not _baked_folder(tmp_path).exists()
+    assert _bake() == {"FINISHED"}
+    assert baked(scene).frames == "1-3"
