@@ -905,20 +905,22 @@ def _slots(search: Search, found: Found, inside, count: int, eye) -> list[Slot]:
     number = np.arange(len(rank))
     copy = number - np.maximum.accumulate(np.where(same, 0, number))
     slots = []
-    keys = np.stack([found.upright, rank, copy])
+    # The name of a sheet as one number: sorting columns is slow.
+    keys = found.upright + 2 * rank + 4 * copy
     sheets = []
-    for key in np.unique(keys[:, found.valid], axis=1).T:
-        some = np.flatnonzero((keys == key[:, None]).all(axis=0))
-        first = some[:0]
-        if key[1]:
-            # Round a cusp the sheets of one orientation are one: go on along the first.
-            first = np.flatnonzero((keys == np.array([[key[0]], [0], [0]])).all(axis=0))
-            first = first[~np.isin(found.index[first], found.index[some])]
-        sheets.append((tuple(int(part) for part in key), some, first))
-    everywhere = np.arange(len(inside))
     lost = np.zeros(len(inside), dtype=bool)
-    for _, some, first in sheets:
-        lost[np.setdiff1d(everywhere, found.index[np.concatenate([some, first])])] = True
+    for key in np.unique(keys[found.valid]).tolist():
+        some = np.flatnonzero(keys == key)
+        has = np.zeros(len(inside), dtype=bool)
+        has[found.index[some]] = True
+        name = key % 2, key // 2 % 2, key // 4
+        first = some[:0]
+        if name[1]:
+            # Round a cusp the sheets of one orientation are one: go on along the first.
+            first = np.flatnonzero((keys == name[0]) & ~has[found.index])
+            has[found.index[first]] = True
+        sheets.append((name, some, first))
+        lost |= ~has
     lost = np.flatnonzero(lost)
     stays = search.waiting(lost)
     for (upright, own_rank, own_copy), some, first in sheets:
