@@ -59,9 +59,9 @@ def _prepare(scene: bpy.types.Scene) -> None:
     if depsgraph is None:
         return
     try:
-        door.prepare(scene, depsgraph)
+        door.prepare(scene, depsgraph, rendering=_rendering)
     except RefractiveGlassError as error:
-        door.remove(scene)
+        door.remove(scene, rendering=_rendering)
         door.status(scene).problems = [str(error)]
 
 

@@ -37,15 +37,26 @@ def insert_group(
     The user's tree keeps every node and link; only what the Render Layers node's Image fed is now
     fed through the group. Where there is no tree, one is made, and removed with the group.
     """
-    remove_group(scene)
-    tree = scene.compositing_node_group
-    if tree is None:
-        tree = _plain_tree(scene)
     group = _Group(scene, layers, panes, true_shading, subdivision, around).tree
+    node = _group_node(scene)
+    if node is None:
+        node = _new_group_node(scene, group)
+        if node is None:
+            bpy.data.node_groups.remove(group)
+            return
+    else:
+        # In place, and the former group stays for now: Blender 5.2 crashes where a render that has
+        # begun finds a tree or a node freed.
+        node.node_tree = group
+    _ask(node, layers)
+
+
+def _new_group_node(scene: bpy.types.Scene, group: bpy.types.NodeTree):
+    """A node of the group behind the Render Layers node; None where there is no such node."""
+    tree = scene.compositing_node_group or _plain_tree(scene)
     render_layers = _render_layers(scene, tree)
     if render_layers is None:
-        bpy.data.node_groups.remove(group)
-        return
+        return None
     node = tree.nodes.new("CompositorNodeGroup")
     node.node_tree = group
     node[TAG] = "group"
@@ -57,14 +68,23 @@ def insert_group(
     tree.links.new(render_layers.outputs["Alpha"], node.inputs["Alpha"])
     for socket in fed:
         tree.links.new(node.outputs["Image"], socket)
-    for number, own_scene in enumerate(layers.rendered()):
-        # Blender 5.0 renders another scene only if the tree itself, not a group in it, asks.
-        asking = tree.nodes.new("CompositorNodeRLayers")
-        asking[TAG] = "asking"
-        asking.scene = own_scene
-        asking.hide = True
-        asking.label = f"Refractive Glass: {own_scene[TAG]}"
-        asking.location = (node.location.x, node.location.y - 220 - 50 * number)
+    return node
+
+
+def _ask(node: bpy.types.Node, layers: Layers) -> None:
+    """Have the own scenes rendered: Blender 5.0 does only if the tree itself asks, not a group."""
+    tree, scenes = node.id_data, layers.rendered()
+    asking = [n for n in tree.nodes if n.get(TAG) == "asking"]
+    for number in range(len(asking), len(scenes)):
+        made = tree.nodes.new("CompositorNodeRLayers")
+        made[TAG] = "asking"
+        made.hide = True
+        made.location = (node.location.x, node.location.y - 220 - 50 * number)
+        asking.append(made)
+    for number, asks in enumerate(asking):
+        # One too many asks once more.
+        asks.scene = scenes[min(number, len(scenes) - 1)]
+        asks.label = f"Refractive Glass: {asks.scene[TAG]}"
 
 
 def remove_group(scene: bpy.types.Scene) -> None:
@@ -77,10 +97,7 @@ def remove_group(scene: bpy.types.Scene) -> None:
             source = node.inputs["Image"].links[0].from_socket
             for socket in [link.to_socket for link in node.outputs["Image"].links]:
                 tree.links.new(source, socket)
-        inner = node.node_tree if node[TAG] == "group" else None
         tree.nodes.remove(node)
-        if inner is not None and inner.users == 0:
-            _remove_tree(inner)
     if own(tree, "compositor"):
         scene.compositing_node_group = None
         if tree.users == 0:
@@ -89,8 +106,14 @@ def remove_group(scene: bpy.types.Scene) -> None:
 
 def has_group(scene: bpy.types.Scene) -> bool:
     """Whether the scene's tree holds the extension's group."""
+    return _group_node(scene) is not None
+
+
+def _group_node(scene: bpy.types.Scene) -> bpy.types.Node | None:
     tree = scene.compositing_node_group
-    return tree is not None and any(n.get(TAG) == "group" for n in tree.nodes)
+    if tree is None:
+        return None
+    return next((n for n in tree.nodes if n.get(TAG) == "group"), None)
 
 
 def write_weights(
@@ -167,12 +190,14 @@ def _render_layers(scene: bpy.types.Scene, tree: bpy.types.NodeTree):
     return next((n for n in nodes if n.layer == first), nodes[0] if nodes else None)
 
 
-def _remove_tree(tree: bpy.types.NodeTree) -> None:
-    images = {n.image for n in tree.nodes if n.bl_idname == "CompositorNodeImage" and n.image}
-    bpy.data.node_groups.remove(tree)
-    for image in images:
-        if own(image) and image.users == 0:
-            bpy.data.images.remove(image)
+def remove_leftovers() -> None:
+    """Free groups that stand in no tree any more, and their images. Not while a render goes on."""
+    for tree in [t for t in bpy.data.node_groups if own(t, "composite") and t.users == 0]:
+        images = {n.image for n in tree.nodes if n.bl_idname == "CompositorNodeImage" and n.image}
+        bpy.data.node_groups.remove(tree)
+        for image in images:
+            if own(image) and image.users == 0:
+                bpy.data.images.remove(image)
 
 
 def _spline_inverse(half: int = 8) -> np.ndarray:

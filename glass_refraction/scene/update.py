@@ -24,7 +24,14 @@ from .. import optics
 from .appearance import Search, Solver, Source
 from .bake_playback import bake_problems, is_held
 from .changes import generation
-from .compositing import has_group, insert_group, remove_group, write_kernels, write_weights
+from .compositing import (
+    has_group,
+    insert_group,
+    remove_group,
+    remove_leftovers,
+    write_kernels,
+    write_weights,
+)
 from .copies import write_copy, write_true_mesh
 from .environment import is_uniform, surroundings, write_screen
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
@@ -86,13 +93,18 @@ def effective_shading(scene: bpy.types.Scene) -> str:
 
 
 def prepare(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, strict: bool = False
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    *,
+    strict: bool = False,
+    rendering: bool = False,
 ) -> None:
     """Make own scenes, copies and the compositor's node group match the scene.
 
     Parameters
     ----------
     strict : a scene without a glass is an error, not an order to clean up.
+    rendering : a render has begun; what it may hold is not freed before the next time.
 
     Raises
     ------
@@ -117,7 +129,7 @@ def prepare(
     for obj in glasses:
         write_input(glass_modifier(obj), "Show in Render", not settings.enabled)
     if not settings.enabled or not glasses:
-        remove(scene)
+        remove(scene, rendering=rendering)
         return
     view = read_viewpoint(scene, depsgraph)
     problems: list[str] = []
@@ -158,11 +170,15 @@ def prepare(
         memory.copies.clear()
     memory_of(scene).still = None
     write_kernels()
+    if not rendering:
+        remove_leftovers()
 
 
-def remove(scene: bpy.types.Scene) -> None:
+def remove(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
     """Remove all that was made for the scene's glasses, and only that."""
     remove_group(scene)
+    if not rendering:
+        remove_leftovers()
     remove_layers(scene)
     forget(scene)
 

@@ -51,3 +51,8 @@ def test_removing_the_glass_removes_what_was_made_for_it(installed):
     for kind, names in found["before"].items():
         left = [n for n in found["after"][kind] if n not in names and n.startswith(".RG")]
         assert left == [], kind
+
+
+def test_settings_may_change_between_renders(installed):
+    """Blender 5.2 crashes where a render that has begun finds a node group freed."""
+    assert installed.script("rerender")["rendered"] == 6
