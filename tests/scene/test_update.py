@@ -225,7 +225,7 @@ def test_bad_input_is_one_line_and_changes_nothing(spoil):
 )
 def test_the_operator_refuses_impossible_values(values):
     before = _data()
-    with pytest.raises(RuntimeError, match="must be|give"):
+    with pytest.raises(RuntimeError, match=r"must be|give"):
         bpy.ops.object.refractive_glass_add(shape="CYLINDER", **values)
     assert _data() == before
 
