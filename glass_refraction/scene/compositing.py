@@ -272,7 +272,6 @@ class _Group:
         """Colour and alpha of what is seen along one light path."""
         if not self.true_shading:
             return self._drawn(pane, path)
-        around = self._layer(self.layers.around, pane.layer(path))
         where = self._layer(self.layers.lookup, pane.layer(path))
         split = self._node("CompositorNodeSeparateColor")
         self._link(self._subdivided(where.outputs["Image"]), split.inputs[0])
@@ -288,8 +287,13 @@ class _Group:
         found = self._brought_down(self._scaled(looked_up, shown))
         share = self._brought_down(shown)
         missing = self._math("SUBTRACT", 1.0, share)
-        colour = self._vector("ADD", found, self._scaled(around.outputs["Image"], missing))
-        alpha = self._math("ADD", share, self._math("MULTIPLY", around.outputs["Alpha"], missing))
+        if pane.contents:
+            else_colour, else_alpha = self._drawn(pane, path)
+        else:
+            around = self._layer(self.layers.around, pane.layer(path))
+            else_colour, else_alpha = around.outputs["Image"], around.outputs["Alpha"]
+        colour = self._vector("ADD", found, self._scaled(else_colour, missing))
+        alpha = self._math("ADD", share, self._math("MULTIPLY", else_alpha, missing))
         return colour, alpha
 
     def _drawn(self, pane: Pane, path):

@@ -255,6 +255,8 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], arou
             made = _new_collection("copies", lookup, displaced)
             made[_GLASS], made[_PATH] = pane.glass.name, path.events
             copies[pane.layer(path)] = made
+            held = _new_collection("held", displaced)
+            held[_GLASS], held[_PATH] = pane.glass.name, path.events
 
     _make_around(scene, layers.around, panes, around)
     first = lookup.view_layers[0]
@@ -370,6 +372,7 @@ def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
             ):
                 _new_carrier("copy", COPY_GROUP, source, collection)
 
+    _match_held(layers, panes)
     seen = {source.session_uid: source for pane in panes for source in pane.sources}
     collection = _child(layers.lookup, "occluders")
     for obj in list(collection.objects):
@@ -378,6 +381,23 @@ def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
             _remove_object(obj)
     for source in seen.values():
         _new_carrier("occluder", OCCLUDER_GROUP, source, collection)
+
+
+def _match_held(layers: Layers, panes: list[Pane]) -> None:
+    """Copies of what a glass holds are in a collection of their own as well."""
+    held = {
+        (pane.glass.name, path.events): {source.session_uid for source in pane.contents}
+        for pane in panes
+        for path in pane.paths
+    }
+    copies = layers.copies()
+    for collection in layers.displaced.collection.children:
+        if own(collection, "held"):
+            place = (collection[_GLASS], collection[_PATH])
+            wanted = {
+                o for (*at, uid), o in copies.items() if tuple(at) == place and uid in held[place]
+            }
+            _match_linked(collection, wanted)
 
 
 def _new_carrier(role: str, group: str, source: bpy.types.Object, collection) -> None:
@@ -436,9 +456,13 @@ def match_settings(
     _match_around(scene, layers.around, around)
     _emission_only(layers.lookup, samples=1, filter_width=0.01)
     _emission_only(layers.mask, samples=MASK_SAMPLES, filter_width=FILTER_WIDTH)
+    _draw_all_or_held(layers.displaced, shows_objects(around) and true_shading)
+    if true_shading:
+        # Only slivers of what the glass holds come from here.
+        layers.displaced.cycles.samples = max(1, scene.cycles.samples // FALLBACK_SHARE)
     for own_scene, used in (
         (layers.lookup, true_shading),
-        (layers.displaced, not true_shading),
+        (layers.displaced, True),
         (layers.around, bool(around)),
     ):
         for layer in own_scene.view_layers:
@@ -447,10 +471,22 @@ def match_settings(
                 layer.use = shows
 
 
+def _draw_all_or_held(displaced: bpy.types.Scene, held: bool) -> None:
+    """Draw a path's copies, or only those of what the glass holds: rays do not meet that."""
+    for view_layer in displaced.view_layers:
+        for child in view_layer.layer_collection.children:
+            collection = child.collection
+            if own(collection, "copies") or own(collection, "held"):
+                shown = own(collection, "held") == held
+                here = f"{collection[_GLASS]} {collection[_PATH]}" == view_layer.name
+                if child.exclude == (shown and here):
+                    child.exclude = not (shown and here)
+
+
 def _is_empty(layer: bpy.types.ViewLayer) -> bool:
     """Whether the layer of a path has no copies."""
     shown = [c.collection for c in layer.layer_collection.children if not c.exclude]
-    copies = [c for c in shown if own(c, "copies")]
+    copies = [c for c in shown if own(c, "copies") or own(c, "held")]
     return bool(copies) and not any(c.objects for c in copies)
 
 

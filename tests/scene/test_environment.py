@@ -237,3 +237,23 @@ def test_the_users_objects_leave_the_own_scenes_unharmed():
     bpy.ops.scene.refractive_glass_update()
     assert wall.name in scene.objects
     assert not [m for m in bpy.data.materials if m.get("refractive_glass") == "rays"]
+
+
+def test_what_a_glass_holds_is_seen_where_the_direct_picture_hides_it(tmp_path):
+    # In water a ball in the glass is seen beside a post before it that hides it without water.
+    scenes.camera(location=(0.0, -0.5, 0.06), tilt=np.pi / 2, lens=150.0)
+    scenes.striped_wall()
+    scene = scenes.settings(160, 120, samples=16, surface="REFRACTION", shading="TRUE")
+    scenes.glass(shape="CYLINDER", contents_ior=1.333)
+    bpy.ops.mesh.primitive_uv_sphere_add(
+        segments=32, ring_count=16, radius=0.012, location=(0.0, 0.0, 0.06)
+    )
+    bpy.context.object.data.materials.append(scenes.emissive("white", (1.0, 1.0, 1.0)))
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(0.0, -0.1, 0.06))
+    bpy.context.object.scale = (0.021, 0.001, 0.2)
+    bpy.context.object.data.materials.append(scenes.emissive("black", (0.0, 0.0, 0.0)))
+    found = scenes.picture(scene, tmp_path)
+    row = found[60, :, :3]
+    white = np.all(row > 0.9, axis=1)
+    # The water widens the ball by about its ior, the post stands before the glass.
+    assert white.sum() >= 4
