@@ -22,12 +22,13 @@ FINEST = 4
 """Cells a side of a pixel where a path's region ends."""
 COARSEST = 8
 """Pixels a side of the largest cells."""
+BEYOND = 2
+"""Pixels beyond the regions' rectangle: where it ends with the picture, the filter reaches on."""
 TOLERANCE_PX = 0.25
 """Largest error, in pixels seen straight on and times the path's weight, of interpolated rays."""
 WEIGHT_TOLERANCE = 0.003
 """Largest error of interpolated weights."""
 
-_SMOOTH = 1  # lattice units a side of the smallest cells away from borders
 _MARGIN = 2 * FINEST  # steps outwards: what the pixel filter reaches of a half covered pixel
 _SKIN = 1e-4  # of its height: how far above its lower end a glass's rays are let out at the lowest
 
@@ -93,7 +94,7 @@ class _Samples:
         self._glass, self._view, self._paths = glass, view, regions.paths
         self._rays = PathRays(glass, view, regions.paths, fresnel)
         self.shared = self._rays.shared
-        self._origin = regions.rect[:2]
+        self._origin = np.array(regions.rect[:2]) - BEYOND
         self._keys = np.zeros(0, np.int64)
         count = len(self._paths)
         self._values = [
@@ -159,7 +160,8 @@ def _split(samples: _Samples, regions: Regions, view: Viewpoint):
     summed = np.pad(border.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     size = COARSEST * FINEST
     x, y = np.meshgrid(
-        np.arange(0, max(1, x1 - x0) * FINEST, size), np.arange(0, max(1, y1 - y0) * FINEST, size)
+        np.arange(0, (x1 - x0 + 2 * BEYOND) * FINEST, size),
+        np.arange(0, (y1 - y0 + 2 * BEYOND) * FINEST, size),
     )
     low = np.column_stack((x.ravel(), y.ravel()))
     square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -170,9 +172,9 @@ def _split(samples: _Samples, regions: Regions, view: Viewpoint):
             return
         middle = low + size // 2
         found = samples.at(np.concatenate((_key(corners).ravel(), _key(middle))))
-        rough = _is_rough(found, len(low), view, smooth=size <= _SMOOTH)
+        rough = _is_rough(found, len(low), view)
         if size > FINEST:
-            rough |= _holds(summed, low // FINEST, size // FINEST)
+            rough |= _holds(summed, low // FINEST - BEYOND, size // FINEST)
         yield corners[~rough]
         half = size // 2
         low = (low[rough][:, None] + half * square).reshape(-1, 2)
@@ -182,22 +184,17 @@ def _split(samples: _Samples, regions: Regions, view: Viewpoint):
 def _holds(summed: np.ndarray, low: np.ndarray, size: int) -> np.ndarray:
     """Whether any marked pixel lies in each square, from the marks' summed table."""
     height, width = summed.shape[0] - 1, summed.shape[1] - 1
-    a, b = np.minimum(low, (width, height)).T
-    c, d = np.minimum(low + size, (width, height)).T
+    a, b = np.clip(low, 0, (width, height)).T
+    c, d = np.clip(low + size, 0, (width, height)).T
     return summed[d, c] - summed[b, c] - summed[d, a] + summed[b, a] > 0
 
 
-def _is_rough(found, count: int, view: Viewpoint, *, smooth: bool) -> np.ndarray:
-    """Which cells must be split, from what the rays at their corners and middles do.
-
-    ``smooth``: only because a path's region ends in them.
-    """
+def _is_rough(found, count: int, view: Viewpoint) -> np.ndarray:
+    """Which cells must be split, from what the rays at their corners and middles do."""
     weights, hit, taken, origins, directions = found
     labels = np.concatenate((taken, hit[None]))
     around, middle = labels[:, : 4 * count].reshape(-1, count, 4), labels[:, 4 * count :]
     mixed = np.any(around != middle[..., None], axis=(0, 2))
-    if smooth:
-        return mixed
 
     def gap(values: np.ndarray) -> np.ndarray:
         mean = values[:, : 4 * count].reshape(len(values), count, 4, -1).mean(axis=2)
