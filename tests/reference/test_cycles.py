@@ -2,8 +2,6 @@
 """Real glass in Cycles against forward tracing: a wall's colour is its place, so a pixel's colour
 tells where its ray went."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -12,6 +10,7 @@ from mathutils import Euler, Matrix, Vector  # noqa: E402
 
 from glass_refraction.optics import CylinderGlass, FlatGlass, SphereGlass  # noqa: E402
 from glass_refraction.reference.cycles import render_reference  # noqa: E402
+from glass_refraction.scene.glasses import Glass  # noqa: E402
 from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
 
 SIZE = 64
@@ -20,7 +19,7 @@ WALL_Y = 0.25
 
 def glass(description, rotation=(0, 0, 0), location=(0, 0, 0), name="Glass"):
     pose = Matrix.LocRotScale(Vector(location), Euler(rotation), None)
-    return SimpleNamespace(name=name, description=description, to_world=np.array(pose, float))
+    return Glass(name, description, np.array(pose, float))
 
 
 @pytest.fixture
