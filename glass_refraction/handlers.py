@@ -135,9 +135,15 @@ def _on_render_frame(scene: bpy.types.Scene, *_) -> None:
 
 
 @persistent
-def _on_render_end(*_) -> None:
+def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = False
+    if own(scene):
+        return
+    if threading.current_thread() is threading.main_thread():
+        door.remove_leftovers()
+    else:
+        request_update(scene)
 
 
 @persistent

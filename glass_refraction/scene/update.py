@@ -75,6 +75,7 @@ __all__ = [
     "memory_of",
     "prepare",
     "remove",
+    "remove_leftovers",
     "status",
     "update",
     "updating",
