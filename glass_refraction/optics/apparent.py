@@ -61,19 +61,22 @@ def apparent_points(
         raise ValueError(f"tolerance must be positive, not {tolerance!r}")
     if guess is not None and guess.valid.shape[-1] != len(points):
         raise ValueError(f"guess must be for {len(points)} points, not {guess.valid.shape[-1]}")
-    finite = _finite(points)
+    largest = _largest(points)
+    finite = None if largest < np.inf else np.isfinite(points).all(axis=-1)
     some = points if finite is None else points[finite]
+    if finite is not None:
+        largest = _largest(some)
     if isinstance(glass, AxialGlass):
         slots, iterations = axial_slots(glass, path, eye, some, tolerance)
     else:
-        slots, iterations = _slots(glass, path, eye, some, tolerance, guess, finite)
+        slots, iterations = _slots(glass, path, eye, some, tolerance, guess, finite, largest)
     if finite is None:
         finite = np.ones(len(points), dtype=bool)
     slots = sorted((slot for slot in slots if slot.valid.any()), key=lambda slot: slot.sheet)
     return _gather(slots, finite, eye, len(path), iterations)
 
 
-def _slots(glass, path, eye, some, tolerance, guess, finite) -> tuple[list[Slot], int]:
+def _slots(glass, path, eye, some, tolerance, guess, finite, largest) -> tuple[list[Slot], int]:
     """The slots of finite points in all passages of a path, and the most steps."""
     slots, iterations = [], 0
     if isinstance(eye, ParallelView):
@@ -91,18 +94,11 @@ def _slots(glass, path, eye, some, tolerance, guess, finite) -> tuple[list[Slot]
             passage = _passage(glass, viewpoint, branch, stretch)
             if passage.empty():
                 continue
-            slots_here = Slots(passage, some, inside, tolerance)
+            slots_here = Slots(passage, some, inside, tolerance, largest)
             first = _guessed(guess, passage, finite) if passage.direct else None
             iterations = max(iterations, _find(slots_here, first))
             slots += slots_here.by_key.values()
     return slots, iterations
-
-
-def _finite(points) -> NDArray[np.bool_] | None:
-    """Which points are finite; None for all."""
-    if _largest(points) < np.inf:
-        return None
-    return np.isfinite(points).all(axis=-1)
 
 
 def _largest(vectors) -> float:
@@ -169,9 +165,9 @@ MISS = 1e-10
 class Slots:
     """The images of points in one passage, a slot a sheet."""
 
-    def __init__(self, passage, points, inside, tolerance: float) -> None:
+    def __init__(self, passage, points, inside, tolerance: float, largest: float) -> None:
         self.passage, self.points, self.inside = passage, points, inside
-        self.tolerance = tolerance
+        self.tolerance, self.largest = tolerance, largest
         self.by_key: dict[tuple, Slot] = {}
 
     def slot(self, key: tuple) -> Slot:
@@ -218,7 +214,7 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
     # Newton squares the error: the step that follows one this small is below the tolerance. Near
     # the edge of a domain the square is multiplied by 10⁵ and more: where only few digits are asked
     # for, what `put` finds wrong takes further steps, down to `least`.
-    coarse = tolerance > 1e-7 and passage.smooth and _largest(slots.points) < passage.widest
+    coarse = tolerance > 1e-7 and passage.smooth and slots.largest < passage.widest
     narrow = coarse and tolerance > COARSE
     small = 1e-9 if tolerance <= 1e-8 else (0.5 if narrow else 0.3) * tolerance**0.5
     least = max(0.1 * tolerance, 1e-9)
@@ -269,7 +265,7 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
             left.append(block.start + np.flatnonzero(lost))
         most.append(int((steps * settled).max(initial=0)))
 
-    in_blocks(work, len(slots.points))
+    in_blocks(work, len(slots.points), 2 * BLOCK if narrow else BLOCK)
     if retry:
         # Where that was not enough, on from where it led.
         index, *unknowns, steps = (np.concatenate(part) for part in zip(*retry, strict=True))

@@ -365,7 +365,8 @@ class CoaxialPassage:
     def follow(self, ell, zeta, slopes=True) -> Line:
         """The line on which rays (ℓ, ζ) run in this stretch, with its derivatives."""
         ell2, zeta2 = ell * ell, zeta * zeta
-        return self._follow(ell, zeta, ell2, zeta2, self.room(ell2, zeta2), slopes)
+        w = self.room(ell2, zeta2)
+        return self._follow(ell, zeta, ell2, zeta2, w, w.min(initial=np.inf), slopes)
 
     def _within(self, ell, zeta):
         """Unknowns moved into the domain, with their squares and w² (arguments of `_follow`), and
@@ -374,22 +375,23 @@ class CoaxialPassage:
             ell, zeta = self.into_domain(ell, zeta)
         ell2, zeta2 = ell * ell, zeta * zeta
         w = self.room(ell2, zeta2)
-        outside = None
-        if w.min(initial=np.inf) <= SMALLEST:
+        outside, least = None, w.min(initial=np.inf)
+        if least <= SMALLEST:
             outside = np.flatnonzero((w <= SMALLEST).any(axis=0))
             ell, zeta = ell.copy(), zeta.copy()
             ell[outside], zeta[outside] = self.into_domain(ell[outside], zeta[outside])
             ell2, zeta2 = ell * ell, zeta * zeta
             w = self.room(ell2, zeta2)
-        return (ell, zeta, ell2, zeta2, w), outside
+            least = w.min()
+        return (ell, zeta, ell2, zeta2, w, least), outside
 
-    def _follow(self, ell, zeta, ell2, zeta2, w, slopes) -> Line:
-        """`follow` with the squares and w² (overwritten) at hand."""
+    def _follow(self, ell, zeta, ell2, zeta2, w, least, slopes) -> Line:
+        """`follow` with the squares, w² (overwritten) and the least of these at hand."""
         rows = self.rows
         pairs = rows.pairs
-        least = SMALLEST if w.dtype == np.float64 else 1e-12
-        if w.min(initial=np.inf) < least:
-            np.maximum(w, least, out=w)
+        floor = SMALLEST if w.dtype == np.float64 else 1e-12
+        if least < floor:
+            np.maximum(w, floor, out=w)
         np.sqrt(w, out=w)
         p2 = rows.squares[w.dtype.itemsize] - zeta2
         inverse = 1.0 / p2
@@ -849,6 +851,7 @@ class CoaxialPassage:
         frame = self.frame
         first, second = self._basis(points)
         per = 1.0 / (frame.eye_radius * self.eye_ior)
+        # In float64, so that directions are unit vectors to the last digits whatever the tolerance.
         ell, zeta = (part.astype(np.float64, copy=False) for part in (ell, zeta))
         # n·d is w/r along the radius of the eye, ℓ/r across it and ζ along the axis.
         w = zeta * zeta

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 BLOCK = 16384
-"""Points a block: its arrays stay in a core's cache."""
+"""Points a block, in float64: its arrays stay in a core's cache. Float32 takes twice as many."""
 
-_workers = ThreadPoolExecutor(
-    max_workers=max(1, min(2, os.cpu_count() or 1)), thread_name_prefix="optics"
-)
+# Logical processors mostly come in pairs on one core, and two threads on one core, which share its
+# cache and Python's lock, were slower here than one.
+THREADS = max(1, min(2, (os.cpu_count() or 1) // 2))
+
+_workers = ThreadPoolExecutor(max_workers=THREADS, thread_name_prefix="optics")
 
 
 class Equations(Protocol):
@@ -70,13 +72,13 @@ PATIENCE = 4
 
 
 def in_blocks(work: Callable[[slice], None], total: int, size: int = BLOCK) -> None:
-    """Call `work` for slices that cover range(total), on two threads where there is enough."""
+    """Call `work` for slices that cover range(total), on two threads where there are the cores."""
     if total > size:
         # As many blocks for one thread as for the other, all alike.
-        pairs = -(-total // (2 * size))
-        size = -(-total // (2 * pairs))
+        rounds = -(-total // (THREADS * size))
+        size = -(-total // (THREADS * rounds))
     blocks = [slice(first, min(first + size, total)) for first in range(0, total, size)]
-    if len(blocks) < 2:
+    if len(blocks) < 2 or THREADS < 2:
         for block in blocks:
             work(block)
         return
