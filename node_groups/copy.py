@@ -29,7 +29,15 @@ def build():
     b.socket("Source", "Object", description="The object that is seen through the glass")
     b.socket("Slots", "Int", default=1, minimum=1, description="Images of each vertex")
     b.socket("Whole", "Bool", description="Every vertex has an image: no face is to be dropped")
-    b.socket("Lit", "Bool", default=True, description="It is shaded, so it needs its normals")
+    b.socket(
+        "Normals",
+        "Int",
+        default=1,
+        minimum=0,
+        maximum=3,
+        description="Normals kept: 0 none (it is not shaded), or those of 1 corners, 2 vertices, "
+        "3 faces",
+    )
     group = b.node("NodeGroupInput")
     carrier = group.outputs["Geometry"]
 
@@ -49,10 +57,16 @@ def build():
         original.outputs["Normal"],
         enabled(stored.outputs, "Attribute"),
     )
-    capture = b.node("CaptureAttribute", domain="CORNER")
-    capture.capture_items.new("VECTOR", "Normal")
-    b.link(mesh, capture.inputs["Geometry"])
-    b.link(normal, capture.inputs["Normal"])
+    # Of a smooth mesh, its vertices' normals say all, and there are four corners to a vertex.
+    kept = []
+    for domain in ("CORNER", "POINT", "FACE"):
+        capture = b.node("CaptureAttribute", domain=domain)
+        capture.capture_items.new("VECTOR", "Normal")
+        b.link(mesh, capture.inputs["Geometry"])
+        b.link(normal, capture.inputs["Normal"])
+        kept.append((domain, capture))
+    choice = group.outputs["Normals"]
+    captured = b.choice("GEOMETRY", choice, [mesh, *(c.outputs["Geometry"] for _, c in kept)])
 
     index = b.node("InputIndex").outputs[0]
 
@@ -68,7 +82,7 @@ def build():
         node.inputs["Name"].default_value = name
         return enabled(node.outputs, "Attribute")
 
-    stored = capture.outputs["Geometry"]
+    stored = captured
     carried = [("FLOAT_COLOR", "rg_lookup"), *(("FLOAT_VECTOR", name) for name in COORDINATES)]
     for kind, name in carried:
         store = b.node("StoreNamedAttribute", data_type=kind, domain="POINT")
@@ -102,11 +116,14 @@ def build():
     # Looking for faces to drop takes as long as all the rest.
     left = b.switch("GEOMETRY", group.outputs["Whole"], drop.outputs[0], move.outputs[0])
 
-    normals = b.node("SetMeshNormal", mode="FREE", domain="CORNER")
-    b.link(left, normals.inputs["Mesh"])
-    b.link(capture.outputs["Normal"], enabled(normals.inputs, "Custom Normal"))
+    shown = [left]
+    for domain, capture in kept:
+        normals = b.node("SetMeshNormal", mode="FREE", domain=domain)
+        b.link(left, normals.inputs["Mesh"])
+        b.link(capture.outputs["Normal"], enabled(normals.inputs, "Custom Normal"))
+        shown.append(normals.outputs[0])
     end = b.node("NodeGroupOutput")
-    b.link(b.switch("GEOMETRY", group.outputs["Lit"], left, normals.outputs[0]), end.inputs[0])
+    b.link(b.choice("GEOMETRY", choice, shown), end.inputs[0])
     return b.tree
 
 

@@ -88,6 +88,16 @@ class TreeBuilder:
         self.link(true, node.inputs["True"])
         return node.outputs["Output"]
 
+    def choice(self, kind: str, number, values):
+        """An Index Switch node over ``values``; returns its output socket."""
+        node = self.node("IndexSwitch", data_type=kind)
+        while len(node.index_switch_items) < len(values):
+            node.index_switch_items.new()
+        self.link(number, node.inputs["Index"])
+        for position, value in enumerate(values):
+            self.link(value, node.inputs[str(position)])
+        return node.outputs["Output"]
+
 
 def enabled(sockets, name: str):
     """The visible socket of that name; nodes of several data types keep hidden twins."""

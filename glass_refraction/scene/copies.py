@@ -46,7 +46,7 @@ def write_copy(
     if looked_up:
         lookup = np.tile(view.lookup(shape.triangles.points), (len(slots), 1))
     write_input(copy.modifiers[0], "Whole", bool(seen.min() == 1.0))
-    write_input(copy.modifiers[0], "Lit", not looked_up)
+    write_input(copy.modifiers[0], "Normals", 0 if looked_up else _kept_normals(source, shape))
     if shape.refined:
         _write_repeated(copy, source.mesh(), shape.triangles, len(slots))
         _write_carrier(copy.data, where, seen, lookup, keep_mesh=True)
@@ -54,6 +54,17 @@ def write_copy(
     _write_carrier(copy.data, where, seen, lookup)
     write_coordinates(copy.data, source.extra, len(slots))
     write_input(copy.modifiers[0], "Slots", max(1, len(slots)))
+
+
+def _kept_normals(source: Source, shape: Appearance) -> int:
+    """Which normals the copy keeps, as its node group counts them."""
+    if shape.refined:
+        return _NORMALS["CORNER"]
+    domains = {part.mesh.normals_domain for part in source.parts}
+    return _NORMALS[domains.pop() if len(domains) == 1 else "CORNER"]
+
+
+_NORMALS = {"CORNER": 1, "POINT": 2, "FACE": 3}
 
 
 def write_moment(copy: bpy.types.Object, shape: Appearance, position: np.ndarray) -> None:
