@@ -26,6 +26,8 @@ REST_SECONDS = 0.3
 """Changes come in bursts (a dragged object, a slider): wait for the last one."""
 
 _asked: set[int] = set()
+_withdrawn: set[int] = set()
+"""Scenes that are to be prepared again once the file is saved."""
 _rendering = False
 
 
@@ -34,9 +36,33 @@ def request_update(scene: bpy.types.Scene | None) -> None:
     if scene is None or bpy.app.background or own(scene):
         return
     _asked.add(scene.original.session_uid)
+    _serve_soon()
+
+
+def _serve_soon() -> None:
+    if bpy.app.background:
+        return
     if bpy.app.timers.is_registered(_serve):
         bpy.app.timers.unregister(_serve)
     bpy.app.timers.register(_serve, first_interval=REST_SECONDS)
+
+
+def leave_own_scenes() -> None:
+    """Show a scene of the user's in each window that Blender left with one of the extension's.
+
+    It does when a scene is deleted: it goes on to the next in the list.
+    """
+    for window in _windows():
+        if own(window.scene):
+            window.scene = next(iter(_users_scenes()), None) or bpy.data.scenes.new("Scene")
+
+
+def _windows() -> list[bpy.types.Window]:
+    return [window for manager in bpy.data.window_managers for window in manager.windows]
+
+
+def _users_scenes() -> list[bpy.types.Scene]:
+    return [scene for scene in bpy.data.scenes if not own(scene)]
 
 
 def _serve() -> float | None:
@@ -46,6 +72,7 @@ def _serve() -> float | None:
     """
     if _rendering:
         return REST_SECONDS
+    leave_own_scenes()
     for scene in bpy.data.scenes:
         if scene.session_uid in _asked:
             _prepare(scene)
@@ -56,7 +83,7 @@ def _serve() -> float | None:
 def _prepare(scene: bpy.types.Scene) -> None:
     """Prepare a scene; what is wrong with it ends in its status, for the panel."""
     depsgraph = scene.view_layers[0].depsgraph
-    if depsgraph is None:
+    if depsgraph is None or scene.library is not None:
         return
     try:
         door.prepare(scene, depsgraph, rendering=_rendering)
@@ -68,6 +95,8 @@ def _prepare(scene: bpy.types.Scene) -> None:
 @persistent
 def _on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if own(scene):
+        if any(own(window.scene) for window in _windows()):
+            _serve_soon()
         return
     changes.note(scene, depsgraph)
     if _rendering:
@@ -149,6 +178,40 @@ def _on_render_end(scene: bpy.types.Scene, *_) -> None:
 @persistent
 def _on_data_replaced(*_) -> None:
     door.forget()
+    _request_all()
+
+
+def _request_all() -> None:
+    """Ask for all scenes: files do not hold what is made again, and nothing in them has changed."""
+    for scene in bpy.data.scenes:
+        request_update(scene)
+
+
+@persistent
+def _before_data_replaced(*_) -> None:
+    """Undo takes for granted that nothing has changed since its last step.
+
+    A data-block that was the same in two steps it leaves as it is; if a preparation has made that
+    point to something newer, it points to nothing afterwards, and Blender crashes.
+    """
+    if not _rendering:
+        for scene in _users_scenes():
+            door.withdraw(scene)
+
+
+@persistent
+def _on_save(*_) -> None:
+    _withdrawn.clear()
+    if not _rendering:
+        _withdrawn.update(s.session_uid for s in _users_scenes() if door.withdraw(s))
+
+
+@persistent
+def _on_saved(*_) -> None:
+    for scene in _users_scenes():
+        if scene.session_uid in _withdrawn:
+            _prepare(scene)
+    _withdrawn.clear()
 
 
 _TABLE = (
@@ -158,25 +221,38 @@ _TABLE = (
     ("render_pre", _on_render_frame),
     ("render_complete", _on_render_end),
     ("render_cancel", _on_render_end),
+    ("undo_pre", _before_data_replaced),
+    ("redo_pre", _before_data_replaced),
     ("undo_post", _on_data_replaced),
     ("redo_post", _on_data_replaced),
     ("load_post", _on_data_replaced),
+    ("save_pre", _on_save),
+    ("save_post", _on_saved),
+    ("save_post_fail", _on_saved),
 )
 
 
 def register() -> None:
-    """Append every handler."""
+    """Append every handler; a file that is open is prepared once Blender lets data be seen."""
     for name, function in _TABLE:
         getattr(bpy.app.handlers, name).append(function)
+    if not bpy.app.background:
+        bpy.app.timers.register(_request_all, first_interval=0.0)
 
 
 def unregister() -> None:
-    """Take every handler and the timer out again."""
+    """Take every handler and the timer out again, and out of the file what nobody would look after.
+
+    What is baked stays: it needs nobody.
+    """
     for name, function in _TABLE:
         handlers = getattr(bpy.app.handlers, name)
         if function in handlers:
             handlers.remove(function)
-    if bpy.app.timers.is_registered(_serve):
-        bpy.app.timers.unregister(_serve)
+    for timer in (_serve, _request_all):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+    for scene in _users_scenes():
+        door.withdraw(scene)
     _asked.clear()
     door.forget()

@@ -24,6 +24,7 @@ from .bake_files import (
     frame_ranges,
     image_file,
 )
+from .compositing import group_node
 from .layers import ROLES, Layers
 from .modifier_inputs import read_input
 from .names import TAG, load_group, own
@@ -102,9 +103,8 @@ def bake_problems(scene: bpy.types.Scene, shading: str) -> list[str]:
 
 def composite_group(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
     """The extension's node group in the scene's compositor tree."""
-    tree = scene.compositing_node_group
-    nodes = tree.nodes if tree is not None else ()
-    return next((n.node_tree for n in nodes if n.get(TAG) == "group" and n.node_tree), None)
+    node = group_node(scene)
+    return None if node is None else node.node_tree
 
 
 def baked_layers(scene: bpy.types.Scene) -> Layers | None:

@@ -22,6 +22,7 @@ DEPTH_TOLERANCE = 0.004
 """Relative difference of depth above which a place counts as hidden in the direct picture."""
 
 _VALUES = "refractive_glass_values"
+_SCENE = "refractive_glass_scene"
 
 
 def insert_group(
@@ -38,29 +39,27 @@ def insert_group(
     fed through the group. Where there is no tree, one is made, and removed with the group.
     """
     group = _Group(scene, layers, panes, true_shading, subdivision, around).tree
-    node = _group_node(scene)
+    node = group_node(scene)
+    if node is not None and _is_copied(node, scene):
+        remove_group(scene)
+        node = None
     if node is None:
         node = _new_group_node(scene, group)
-        if node is None:
-            bpy.data.node_groups.remove(group)
-            return
     else:
         # In place, and the former group stays for now: Blender 5.2 crashes where a render that has
         # begun finds a tree or a node freed.
         node.node_tree = group
-    _ask(node, layers)
+        node[_SCENE] = scene.name
+    _ask(node, scene, layers)
 
 
-def _new_group_node(scene: bpy.types.Scene, group: bpy.types.NodeTree):
-    """A node of the group behind the Render Layers node; None where there is no such node."""
-    tree = scene.compositing_node_group or _plain_tree(scene)
+def _new_group_node(scene: bpy.types.Scene, group: bpy.types.NodeTree) -> bpy.types.Node:
+    """A node of the group behind the Render Layers node."""
+    tree = _users_tree(scene) or _plain_tree(scene)
     render_layers = _render_layers(scene, tree)
-    if render_layers is None:
-        return None
-    node = tree.nodes.new("CompositorNodeGroup")
+    node = _own_node(tree, scene, "CompositorNodeGroup", "group")
     node.node_tree = group
-    node[TAG] = "group"
-    node.name = node.label = "Refractive Glass"
+    node.label = "Refractive Glass"
     node.location = (render_layers.location.x + 280, render_layers.location.y)
     image = render_layers.outputs["Image"]
     fed = [link.to_socket for link in image.links]
@@ -71,13 +70,13 @@ def _new_group_node(scene: bpy.types.Scene, group: bpy.types.NodeTree):
     return node
 
 
-def _ask(node: bpy.types.Node, layers: Layers) -> None:
+def _ask(node: bpy.types.Node, scene: bpy.types.Scene, layers: Layers) -> None:
     """Have the own scenes rendered: Blender 5.0 does only if the tree itself asks, not a group."""
     tree, scenes = node.id_data, layers.rendered()
-    asking = [n for n in tree.nodes if n.get(TAG) == "asking"]
+    asking = [n for n in nodes_of(scene) if n[TAG] == "asking"]
     for number in range(len(asking), len(scenes)):
-        made = tree.nodes.new("CompositorNodeRLayers")
-        made[TAG] = "asking"
+        with _as_if_in(scenes[number]):
+            made = _own_node(tree, scene, "CompositorNodeRLayers", "asking")
         made.hide = True
         made.location = (node.location.x, node.location.y - 220 - 50 * number)
         asking.append(made)
@@ -85,35 +84,96 @@ def _ask(node: bpy.types.Node, layers: Layers) -> None:
         # One too many asks once more.
         asks.scene = scenes[min(number, len(scenes) - 1)]
         asks.label = f"Refractive Glass: {asks.scene[TAG]}"
+        asks[_SCENE] = scene.name
+
+
+def _own_node(
+    tree: bpy.types.NodeTree, scene: bpy.types.Scene, idname: str, role: str
+) -> bpy.types.Node:
+    """A node of the extension's in the user's tree: not selected, and no name taken."""
+    active = tree.nodes.active
+    node = tree.nodes.new(idname)
+    node[TAG], node[_SCENE] = role, scene.name
+    node.name = hidden_name(role)
+    node.select = False
+    tree.nodes.active = active
+    return node
+
+
+def _as_if_in(own_scene: bpy.types.Scene):
+    """A context in which a new Render Layers node takes the own scene.
+
+    Blender counts the scene that it is made in as used once more than it is, for ever.
+    """
+    return bpy.context.temp_override(scene=own_scene)
+
+
+def can_insert(scene: bpy.types.Scene) -> bool:
+    """Whether the scene's tree has a place for the group: a Render Layers node of the scene."""
+    tree = _users_tree(scene)
+    return tree is None or _render_layers(scene, tree) is not None
 
 
 def remove_group(scene: bpy.types.Scene) -> None:
-    """Take the extension's nodes out of the scene's tree and join again what they stood between."""
+    """Take the extension's nodes out of the scene's tree and join again what they stood between.
+
+    A tree that the extension made goes too, unless the user has built on it. It and the group are
+    freed by :func:`layers.remove_leftovers`.
+    """
     tree = scene.compositing_node_group
     if tree is None:
         return
-    for node in [n for n in tree.nodes if n.get(TAG)]:
+    for node in nodes_of(scene):
         if node[TAG] == "group" and node.inputs["Image"].is_linked:
             source = node.inputs["Image"].links[0].from_socket
             for socket in [link.to_socket for link in node.outputs["Image"].links]:
                 tree.links.new(source, socket)
         tree.nodes.remove(node)
     if own(tree, "compositor"):
-        scene.compositing_node_group = None
-        if tree.users == 0:
-            bpy.data.node_groups.remove(tree)
+        if _is_plain(tree):
+            scene.compositing_node_group = None
+        else:
+            del tree[TAG]
+            tree.name = "Compositing"
 
 
 def has_group(scene: bpy.types.Scene) -> bool:
-    """Whether the scene's tree holds the extension's group."""
-    return _group_node(scene) is not None
+    """Whether the scene's tree holds the extension's group for this scene."""
+    node = group_node(scene)
+    return node is not None and node.node_tree is not None and not _is_copied(node, scene)
 
 
-def _group_node(scene: bpy.types.Scene) -> bpy.types.Node | None:
+def group_node(scene: bpy.types.Scene) -> bpy.types.Node | None:
+    """The node of the extension's group in the scene's tree."""
+    return next((n for n in nodes_of(scene) if n[TAG] == "group"), None)
+
+
+def nodes_of(scene: bpy.types.Scene) -> list[bpy.types.Node]:
+    """The extension's nodes in the scene's tree but those of other scenes that share it."""
     tree = scene.compositing_node_group
     if tree is None:
+        return []
+    sharing = {s.name for s in bpy.data.scenes if s.compositing_node_group == tree and s != scene}
+    return [n for n in tree.nodes if n.get(TAG) and n.get(_SCENE) not in sharing]
+
+
+def _is_copied(node: bpy.types.Node, scene: bpy.types.Scene) -> bool:
+    """Whether the node came with a copy of another scene; a scene renamed keeps its node."""
+    return node.get(_SCENE) != scene.name and node.get(_SCENE) in bpy.data.scenes
+
+
+def _users_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
+    """The scene's tree; None if the extension made it, perhaps for the scene this is a copy of."""
+    tree = scene.compositing_node_group
+    if own(tree, "compositor") and _is_plain(tree):
         return None
-    return next((n for n in tree.nodes if n.get(TAG) == "group"), None)
+    return tree
+
+
+def _is_plain(tree: bpy.types.NodeTree) -> bool:
+    """Whether an own tree is as it was made, the extension's nodes left out."""
+    nodes = [n.bl_idname for n in tree.nodes if not n.get(TAG)]
+    return sorted(nodes) == ["CompositorNodeRLayers", "NodeGroupOutput"]
 
 
 def write_weights(
@@ -152,7 +212,7 @@ def _weight_name(scene: bpy.types.Scene, pane: Pane, number: int) -> str:
 
 def _find_image(name: str, role: str) -> bpy.types.Image | None:
     for image in bpy.data.images:
-        if own(image, role) and image.name == name:
+        if own(image, role) and image.name == name and image.library is None:
             return image
     return None
 
@@ -170,7 +230,8 @@ def _plain_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
     tree = bpy.data.node_groups.new(hidden_name("compositor", scene.name), "CompositorNodeTree")
     tree[TAG] = "compositor"
     tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-    render_layers = tree.nodes.new("CompositorNodeRLayers")
+    with _as_if_in(scene):
+        render_layers = tree.nodes.new("CompositorNodeRLayers")
     render_layers.scene = scene
     end = tree.nodes.new("NodeGroupOutput")
     end.location = (600, 0)
@@ -188,16 +249,6 @@ def _render_layers(scene: bpy.types.Scene, tree: bpy.types.NodeTree):
     ]
     first = next((layer.name for layer in scene.view_layers if layer.use), None)
     return next((n for n in nodes if n.layer == first), nodes[0] if nodes else None)
-
-
-def remove_leftovers() -> None:
-    """Free groups that stand in no tree any more, and their images. Not while a render goes on."""
-    for tree in [t for t in bpy.data.node_groups if own(t, "composite") and t.users == 0]:
-        images = {n.image for n in tree.nodes if n.bl_idname == "CompositorNodeImage" and n.image}
-        bpy.data.node_groups.remove(tree)
-        for image in images:
-            if own(image) and image.users == 0:
-                bpy.data.images.remove(image)
 
 
 def _spline_inverse(half: int = 8) -> np.ndarray:
@@ -366,7 +417,8 @@ class _Group:
         return node.outputs["Image"]
 
     def _layer(self, own_scene: bpy.types.Scene, name: str):
-        node = self._node("CompositorNodeRLayers")
+        with _as_if_in(own_scene):
+            node = self._node("CompositorNodeRLayers")
         node.scene = own_scene
         node.layer = name
         return node

@@ -86,7 +86,7 @@ def ray_material(key: str, numbers: Sequence[int], *, weighed: bool) -> bpy.type
     weighed : multiply by the paths' weights; else a path counts wholly wherever it is taken.
     """
     for material in bpy.data.materials:
-        if own(material, "rays") and material.get(_KEY) == key:
+        if own(material, "rays") and material.get(_KEY) == key and material.library is None:
             bpy.data.materials.remove(material)
             break
     material = bpy.data.materials.new(hidden_name("rays", key))
@@ -131,12 +131,6 @@ def _portal(tree: bpy.types.NodeTree, number: int, weighed: bool) -> bpy.types.N
 
 def _attribute(part: str, number: int) -> str:
     return f"rg_{part}_{number}"
-
-
-def remove_unused_rays() -> None:
-    """Remove the ray materials that nothing wears any more."""
-    for material in [m for m in bpy.data.materials if own(m, "rays") and m.users == 0]:
-        bpy.data.materials.remove(material)
 
 
 def write_screen(mesh: bpy.types.Mesh, view: Viewpoint, screen: Screen, depth: float) -> None:

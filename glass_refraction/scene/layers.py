@@ -18,16 +18,17 @@ Nothing is added to the user's own view layers or collections.
 
 from __future__ import annotations
 
+import uuid
 from dataclasses import dataclass
 
 import bpy
 
 from .. import optics
+from .bake_files import BAKE
 from .environment import (
     WORLD_SAMPLES,
     needs_copies,
     ray_material,
-    remove_unused_rays,
     shows_objects,
     surroundings,
 )
@@ -37,7 +38,6 @@ from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
 from .regions import FILTER_WIDTH
 from .shaders import depth_material, lookup_material, mask_material
 from .sources import is_carried
-from .texture_coordinates import remove_unused
 from .viewpoint import render_size
 from .visibility import rendered_objects
 
@@ -53,7 +53,11 @@ DEPTH_LAYER = "depth"
 _KEY = "refractive_glass_key"
 _GLASS = "refractive_glass_name"
 _PATH = "refractive_glass_path"
+_OWNER = "refractive_glass_owner"
 _LAYER = "refractive_glass_layer"
+
+_SESSION = uuid.uuid4().hex
+"""Blender numbers data-blocks anew in each session: in another this number is another's."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +151,9 @@ class Layers:
 
 
 def source_of(copy: bpy.types.Object) -> bpy.types.Object | None:
-    """The object that a copy or occluder shows."""
+    """The object that a copy or occluder shows; None for a baked object that has no source."""
+    if own(copy.modifiers[0].node_group, "baked"):
+        return None
     return read_input(copy.modifiers[0], "Source")
 
 
@@ -156,14 +162,39 @@ def find_layers(scene: bpy.types.Scene) -> Layers | None:
     found = {}
     for role in ROLES:
         for candidate in bpy.data.scenes:
-            if own(candidate, role) and candidate.get(_GLASS) == scene.name:
+            if _is_of(candidate, role, scene):
                 found[role] = candidate
     return Layers(**found) if len(found) == len(ROLES) else None
 
 
 def user_scene_of(own_scene: bpy.types.Scene) -> bpy.types.Scene | None:
     """The user's scene that an own scene belongs to."""
-    return bpy.data.scenes.get(own_scene[_GLASS])
+    users = [scene for scene in bpy.data.scenes if not own(scene)]
+    for scene in users:
+        if own_scene.get(_OWNER) == _owner(scene):
+            return scene
+    # From a file.
+    for scene in users:
+        if _plays_back(scene, own_scene):
+            return scene
+    return next((s for s in users if (s.name, s.library) == (own_scene[_GLASS], None)), None)
+
+
+def _owner(scene: bpy.types.Scene) -> str:
+    return f"{_SESSION} {scene.session_uid}"
+
+
+def _plays_back(scene: bpy.types.Scene, own_scene: bpy.types.Scene) -> bool:
+    """Whether the scene shows the own scene baked, be it renamed or without a glass meanwhile."""
+    group, tree = own_scene.get(BAKE), scene.compositing_node_group
+    if group is None or tree is None:
+        return False
+    return any(n.get(TAG) == "group" and n.node_tree == group for n in tree.nodes)
+
+
+def _is_of(candidate: bpy.types.Scene, role: str, scene: bpy.types.Scene) -> bool:
+    # What was linked with a library's scene is the library's.
+    return own(candidate, role) and not candidate.library and user_scene_of(candidate) == scene
 
 
 def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tuple[Layers, bool]:
@@ -202,39 +233,73 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
 def remove_layers(scene: bpy.types.Scene) -> None:
     """Remove the own scenes of a user's scene with everything in them that is the extension's."""
     for role in ROLES:
-        for candidate in [s for s in bpy.data.scenes if own(s, role)]:
-            if candidate.get(_GLASS) == scene.name or candidate.get(_GLASS) not in bpy.data.scenes:
-                _remove_scene(candidate)
-    remove_unused()
-    remove_unused_rays()
-    for material in [m for m in bpy.data.materials if own(m) and m.users == 0]:
-        bpy.data.materials.remove(material)
-    for name in (COPY_GROUP, OCCLUDER_GROUP):
-        for group in [g for g in bpy.data.node_groups if own(g) and g.name.startswith(name)]:
-            if group.users == 0:
-                bpy.data.node_groups.remove(group)
+        for candidate in [s for s in bpy.data.scenes if _is_of(s, role, scene)]:
+            _remove_scene(candidate)
+
+
+def remove_leftovers() -> None:
+    """Remove what the extension made and nothing needs any more, in any scene.
+
+    Own scenes of scenes that were deleted or have no glass any more, and own data-blocks without a
+    user. Not while a render goes on: Blender 5.2 crashes where one finds a node group freed.
+    """
+    for candidate in [s for s in bpy.data.scenes if own(s) and not s.library]:
+        owner = user_scene_of(candidate)
+        if owner is None or not (_has_glass(owner) or _plays_back(owner, candidate)):
+            _remove_scene(candidate)
+    kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections, bpy.data.node_groups)
+    kinds += (bpy.data.materials, bpy.data.images)
+    removed = True
+    while removed:
+        # What goes may have been the last to hold another.
+        removed = False
+        for blocks in kinds:
+            for block in [b for b in blocks if b.users == 0 and own(b) and not b.library]:
+                blocks.remove(block)
+                removed = True
+
+
+def _has_glass(scene: bpy.types.Scene) -> bool:
+    return any(obj.type == "MESH" and glass_modifier(obj) is not None for obj in scene.objects)
 
 
 def _remove_scene(own_scene: bpy.types.Scene) -> None:
+    # Where the user's scene is gone, what was in it is the user's to keep.
+    owner = user_scene_of(own_scene)
+    keep = owner is None or own_scene.get(_OWNER) != _owner(owner)
     for collection in [c for c in own_scene.collection.children if own(c)]:
         for obj in list(collection.objects):
             if own(obj):
-                _remove_object(obj)
+                _remove_object(obj, keep=keep)
+        if not keep:
+            _match_linked(collection, set())
         bpy.data.collections.remove(collection)
     bpy.data.scenes.remove(own_scene)
 
 
-def _remove_object(obj: bpy.types.Object) -> None:
+def _remove_object(obj: bpy.types.Object, *, keep: bool = False) -> None:
     mesh = obj.data
+    source = source_of(obj) if obj.modifiers else None
     bpy.data.objects.remove(obj)
     if mesh.users == 0:
         bpy.data.meshes.remove(mesh)
+    if source is not None and not keep:
+        _let_go(source)
+
+
+def _let_go(obj: bpy.types.Object) -> None:
+    """Remove an object of the user's that only the extension still held.
+
+    Deleted by the user, who could not know that: Blender unlinks what is in use elsewhere.
+    """
+    if obj.users == 0:
+        bpy.data.objects.remove(obj)
 
 
 def _own_scene(scene: bpy.types.Scene, role: str) -> bpy.types.Scene:
     made = bpy.data.scenes.new(hidden_name(role, scene.name))
     made[TAG] = role
-    made[_GLASS] = scene.name
+    made[_GLASS], made[_OWNER] = scene.name, _owner(scene)
     return made
 
 
@@ -287,6 +352,7 @@ def _make_around(
     names = []
     for pane in panes:
         mesh = bpy.data.meshes.new(hidden_name("screen", pane.glass.name))
+        mesh[TAG] = "screen"
         mesh.materials.append(None)
         for name, numbers in pane.ray_layers(mode).items():
             names.append(name)
@@ -414,9 +480,7 @@ def _match_linked(collection: bpy.types.Collection, wanted: set[bpy.types.Object
     """Link exactly these of the user's own objects to the collection."""
     for obj in [o for o in collection.objects if o not in wanted]:
         collection.objects.unlink(obj)
-        if obj.users == 0:
-            # Deleted by the user, who could not know that this collection still held it.
-            bpy.data.objects.remove(obj)
+        _let_go(obj)
     for obj in wanted - set(collection.objects):
         collection.objects.link(obj)
 

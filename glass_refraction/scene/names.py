@@ -37,7 +37,7 @@ class RefractiveGlassError(Exception):
 def load_group(name: str) -> bpy.types.NodeTree:
     """The node group of that name, taken from the extension's file when it is not there yet."""
     for group in bpy.data.node_groups:
-        if own(group) and group.library is None and group.name.split(".")[0] == name:
+        if own(group) and group.library is None and group.name.lstrip(".").split(".")[0] == name:
             return group
     with bpy.data.libraries.load(str(NODE_GROUPS)) as (available, wanted):
         wanted.node_groups = [n for n in available.node_groups if n == name]
@@ -46,4 +46,7 @@ def load_group(name: str) -> bpy.types.NodeTree:
         # The mark is for the library; it would litter the asset browser of the user's own file.
         group.asset_clear()
     group.use_fake_user = False
+    if name != MODIFIER:
+        # Nothing that a user would pick from a menu.
+        group.name = f".{name}"
     return group

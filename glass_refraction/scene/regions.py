@@ -115,9 +115,10 @@ def path_regions(
     x, y = np.meshgrid(x0 + 0.5 + np.arange(width), y0 + 0.5 + np.arange(height))
     weights, hit, taken = rays.weights(x.ravel(), y.ravel())
     # The paths' weights first, then their shares.
-    weights = np.concatenate((weights, rays.shared(weights))).reshape(-1, height, width)
+    weights = np.concatenate((weights, rays.shared(weights)))
+    weights = weights.reshape(len(weights), height, width)
     hit = hit.reshape(height, width)
-    taken = taken.reshape(-1, height, width)
+    taken = taken.reshape(len(taken), height, width)
 
     # The filter reaches beyond the next pixel.
     border = border_pixels(np.concatenate((taken, hit[None])))

@@ -167,5 +167,9 @@ def _matrix(matrix) -> np.ndarray:
 def _has_instances(evaluated: bpy.types.Object) -> bool:
     if evaluated.instance_collection is not None:
         return True
-    geometry = evaluated.evaluated_geometry()
+    try:
+        geometry = evaluated.evaluated_geometry()
+    except TypeError:
+        # Hidden in viewports, or in a scene that is not shown: only a render will evaluate it.
+        return False
     return geometry is not None and geometry.instances_pointcloud() is not None

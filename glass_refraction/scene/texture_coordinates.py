@@ -230,7 +230,8 @@ def substitute(material: bpy.types.Material) -> bpy.types.Material:
 
 
 def _stands_for(candidate: bpy.types.Material, material: bpy.types.Material) -> bool:
-    return own(candidate, ROLE) and candidate.get(_ORIGINAL) == material.name_full
+    is_for = own(candidate, ROLE) and candidate.get(_ORIGINAL) == material.name_full
+    return is_for and candidate.library is None
 
 
 def dress(
@@ -264,7 +265,9 @@ def _fill_slots(copy: bpy.types.Object, wanted: list[bpy.types.Material | None])
         slots.pop()
     while len(slots) < len(wanted):
         slots.append(None)
-    for slot, material in zip(copy.material_slots, wanted, strict=True):
+    # Blender may leave the object more slots than its mesh has.
+    surplus = [None] * (len(copy.material_slots) - len(wanted))
+    for slot, material in zip(copy.material_slots, [*wanted, *surplus], strict=True):
         if slot.link != "OBJECT":
             slot.link = "OBJECT"
         if slot.material != material:

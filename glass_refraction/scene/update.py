@@ -25,10 +25,10 @@ from .appearance import Search, Solver, Source
 from .bake_playback import bake_problems, is_held
 from .changes import generation
 from .compositing import (
+    can_insert,
     has_group,
     insert_group,
     remove_group,
-    remove_leftovers,
     write_kernels,
     write_weights,
 )
@@ -43,6 +43,7 @@ from .layers import (
     find_layers,
     match_settings,
     remove_layers,
+    remove_leftovers,
     source_of,
 )
 from .memory import Memory, Status, Step, counters, forget, memory_of, status
@@ -115,6 +116,10 @@ def prepare(
     if is_held(scene):
         status(scene).problems = bake_problems(scene, effective_shading(scene))
         return
+    if scene.library is not None:
+        raise RefractiveGlassError(
+            f'Scene "{scene.name}" is linked from a library: make it local (Object > Relations)'
+        )
     settings = scene.refractive_glass
     view_layer = scene.view_layers[0]
     glasses = glass_objects(view_layer)
@@ -127,12 +132,14 @@ def prepare(
         raise RefractiveGlassError(
             f'Glass "{linked[0].name}" is linked from a library: make it local (Object > Relations)'
         )
-    for obj in glasses:
-        write_input(glass_modifier(obj), "Show in Render", not settings.enabled)
     if not settings.enabled or not glasses:
         remove(scene, rendering=rendering)
         return
     view = read_viewpoint(scene, depsgraph)
+    if not can_insert(scene):
+        raise RefractiveGlassError(
+            f'The compositor tree of scene "{scene.name}" has no Render Layers node of it: add one'
+        )
     problems: list[str] = []
     sources = source_objects(view_layer, problems)
     panes = []
@@ -153,6 +160,9 @@ def prepare(
             f'Glass "{panes[0].glass.name}": nothing can be seen through it; add a mesh that is '
             "visible in renders (and in its Seen Through collection)"
         )
+    computed = {pane.glass for pane in panes}
+    for obj in glasses:
+        _show_mesh(scene, obj, obj not in computed)
     shading, side = effective_shading(scene), int(settings.lookup_samples)
     around = surroundings(scene, shading)
     layers, anew = build_layers(scene, panes, around)
@@ -176,12 +186,45 @@ def prepare(
 
 
 def remove(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
-    """Remove all that was made for the scene's glasses, and only that."""
+    """Remove all that was made for the scene's glasses, and only that; renders show them.
+
+    Parameters
+    ----------
+    rendering : a render has begun; what it may hold is not freed before the next time.
+    """
+    if scene.library is not None:
+        return
     remove_group(scene)
-    if not rendering:
-        remove_leftovers()
     remove_layers(scene)
     forget(scene)
+    if not rendering:
+        remove_leftovers()
+    for obj in scene.objects:
+        if obj.type == "MESH" and obj.is_editable and glass_modifier(obj) is not None:
+            _show_mesh(scene, obj, True)
+
+
+def withdraw(scene: bpy.types.Scene) -> bool:
+    """Take out of the file what :func:`prepare` can make again, and tell whether there was any.
+
+    Without the extension it would be a burden: stale layers, and a hole where the glass is. What
+    is baked stays.
+    """
+    if is_held(scene) or scene.library is not None:
+        return False
+    stood = find_layers(scene) is not None
+    known = memory_of(scene)
+    remove(scene)
+    memory = memory_of(scene)
+    memory.paths, memory.status = known.paths, known.status
+    return stood
+
+
+def _show_mesh(scene: bpy.types.Scene, glass: bpy.types.Object, shown: bool) -> None:
+    """Let renders show the glass's own mesh, unless another scene computes the same glass."""
+    others = (s for s in bpy.data.scenes if s != scene and glass.name in s.objects)
+    if not shown or not any(find_layers(s) is not None for s in others):
+        write_input(glass_modifier(glass), "Show in Render", shown)
 
 
 def update(

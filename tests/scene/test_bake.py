@@ -133,7 +133,7 @@ def test_frames_beside_the_range_hold_the_nearest(tmp_path):
     shape = (scene.render.resolution_y, scene.render.resolution_x, 4)
     centre = [p.reshape(shape)[25:35, 38:42] for p in pictures]
     assert not np.array_equal(centre[2], centre[3])
-    lookups = find_layers(scene).displaced
+    lookups = find_layers(scene).lookup
     for own_scene in find_layers(scene).all():
         assert own_scene.render.engine == "CYCLES"
     found = {}
@@ -258,6 +258,11 @@ def test_a_bake_survives_saving_loading_and_renaming(tmp_path):
     scene = bpy.context.scene
     assert baked(scene).frames == "1-3"
     for now, then in zip(_pictures(scene, tmp_path, "loaded"), live, strict=True):
+        np.testing.assert_array_equal(now, then)
+    # Another scene's tidying leaves alone what is played back under another name.
+    other = bpy.data.scenes.new("Other")
+    door.remove(other)
+    for now, then in zip(_pictures(scene, tmp_path, "tidied"), live, strict=True):
         np.testing.assert_array_equal(now, then)
     bpy.ops.scene.refractive_glass_bake_free()
     assert not _baked_folder(tmp_path).exists()
