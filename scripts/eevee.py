@@ -4,8 +4,8 @@
     ./run python scripts/eevee.py -o FOLDER demo_scenes/eraser.blend [...]
 
 Writes NAME.png (EEVEE's own, the extension in EEVEE, Cycles) and prints how far the first two are
-from the third inside the outline of the glass and outside of it. The real glass is one mesh in EEVEE
-and Cycles: EEVEE gets ray-traced refraction, screen tracing and thickness from the mesh.
+from the third inside the glass's outline and outside of it. The real glass is one mesh in EEVEE
+and in Cycles; EEVEE traces rays on the screen at full resolution, with and without the extension.
 """
 
 from __future__ import annotations
