@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``Refractive Glass``: the modifier that makes the glass's mesh and is its one description.
 
-Local frame as in the optics: cylinder and rod stand on the origin (z from 0 to the height), a
-sphere is centred, a slab's upper face is the object's own flat mesh and the glass lies on the side
-away from its normal.
+Local frame as in the optics: cylinder, rod and tumbler stand on the origin (z from 0 to the
+height), a sphere is centred, a slab's upper face is the object's own flat mesh and the glass lies
+on the side away from its normal.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass"
-SHAPES = ("Slab", "Cylinder", "Rod", "Sphere")
+SHAPES = ("Slab", "Cylinder", "Rod", "Sphere", "Tumbler")
 SHARP = 0.8
 """Radians between the normals on both sides of an edge that is a rim."""
 
@@ -34,6 +34,7 @@ def build():
     )
     rod = _lathe(b, segments, (0.0, radius, radius, 0.0, 0.0), (0.0, 0.0, height, height, height))
     sphere = _sphere(b, radius, inner, wall, segments)
+    tumbler = _tumbler(b, group, inner)
 
     # While a viewport draws the refracted picture, a face would hide what that is looked up in.
     is_viewport = b.node("IsViewport")
@@ -46,7 +47,7 @@ def build():
     menu.enum_items.clear()
     for name in SHAPES:
         menu.enum_items.new(name)
-    for name, made in zip(SHAPES, (slab, tube, rod, sphere), strict=True):
+    for name, made in zip(SHAPES, (slab, tube, rod, sphere, tumbler), strict=True):
         b.link(made, menu.inputs[name])
     b.link(group.outputs["Shape"], menu.inputs["Menu"])
     shape_socket = next(i for i in b.tree.interface.items_tree if i.name == "Shape")
@@ -82,7 +83,7 @@ def _interface(b: TreeBuilder) -> None:
         default=0.04,
         minimum=0.0,
         subtype="DISTANCE",
-        description="Outer radius of a cylinder, rod or sphere",
+        description="Outer radius of a cylinder, rod, sphere or tumbler",
     )
     b.socket(
         "Wall Thickness",
@@ -98,7 +99,23 @@ def _interface(b: TreeBuilder) -> None:
         default=0.12,
         minimum=0.0,
         subtype="DISTANCE",
-        description="Height of a cylinder or rod",
+        description="Height of a cylinder, rod or tumbler",
+    )
+    b.socket(
+        "Bottom Thickness",
+        "Float",
+        default=0.006,
+        minimum=0.0,
+        subtype="DISTANCE",
+        description="Of a tumbler's bottom",
+    )
+    b.socket(
+        "Liquid Level",
+        "Float",
+        default=0.0,
+        minimum=0.0,
+        subtype="DISTANCE",
+        description="Height of the liquid above a tumbler's inner bottom; 0: empty",
     )
     b.socket("IOR", "Float", default=1.5, description="Index of refraction of the glass")
     b.socket(
@@ -210,19 +227,20 @@ def _slab(b: TreeBuilder, outline, thickness):
 
 
 def _lathe(b: TreeBuilder, segments, radii, heights):
-    """A closed surface: the profile of five points (radius, z), turned about z."""
+    """A closed surface: a profile of points (radius, z), turned about z."""
+    count = len(radii)
     columns = b.math("ADD", segments, 1.0)
     grid = b.node("MeshGrid")
     b.link(columns, grid.inputs["Vertices X"])
-    grid.inputs["Vertices Y"].default_value = 5
+    grid.inputs["Vertices Y"].default_value = count
     index = b.node("InputIndex").outputs[0]
-    row = b.math("MODULO", index, 5.0)
-    column = b.math("FLOOR", b.math("DIVIDE", b.math("ADD", index, 0.5), 5.0))
+    row = b.math("MODULO", index, float(count))
+    column = b.math("FLOOR", b.math("DIVIDE", b.math("ADD", index, 0.5), float(count)))
     angle = b.math("MULTIPLY", b.math("DIVIDE", column, segments), 6.283185307179586)
 
     def along_profile(values):
         node = b.node("IndexSwitch", data_type="FLOAT")
-        while len(node.index_switch_items) < 5:
+        while len(node.index_switch_items) < count:
             node.index_switch_items.new()
         b.link(row, node.inputs["Index"])
         for slot, value in enumerate(values):
@@ -242,6 +260,35 @@ def _lathe(b: TreeBuilder, segments, radii, heights):
     b.link(move.outputs[0], merge.inputs["Geometry"])
     b.link(b.math("MULTIPLY", radii[1], 1e-6), merge.inputs["Distance"])
     return _smooth_but_rims(b, merge.outputs[0])
+
+
+def _tumbler(b: TreeBuilder, group, inner):
+    """A cup with a bottom, and its liquid's surface; the liquid's sides are the cup's."""
+    radius, height = group.outputs["Radius"], group.outputs["Height"]
+    bottom, level = group.outputs["Bottom Thickness"], group.outputs["Liquid Level"]
+    segments = group.outputs["Segments"]
+    bottom = b.math("MINIMUM", bottom, height)
+    cup = _lathe(
+        b,
+        segments,
+        (0.0, radius, radius, inner, inner, 0.0),
+        (0.0, 0.0, height, height, bottom, bottom),
+    )
+    surface = b.node("MeshCircle", fill_type="TRIANGLE_FAN")
+    b.link(segments, surface.inputs["Vertices"])
+    b.link(inner, surface.inputs["Radius"])
+    place = b.node("ShaderNodeCombineXYZ")
+    b.link(b.math("MINIMUM", b.math("ADD", bottom, level), height), place.inputs[2])
+    placed = b.node("Transform")
+    b.link(surface.outputs["Mesh"], placed.inputs["Geometry"])
+    b.link(place.outputs[0], placed.inputs["Translation"])
+    filled = b.node("FunctionNodeCompare", data_type="FLOAT", operation="GREATER_THAN")
+    b.link(level, enabled(filled.inputs, "A"))
+    enabled(filled.inputs, "B").default_value = 0.0
+    join = b.node("JoinGeometry")
+    b.link(cup, join.inputs[0])
+    b.link(b.switch("GEOMETRY", filled.outputs[0], _nothing(b), placed.outputs[0]), join.inputs[0])
+    return join.outputs[0]
 
 
 def _smooth_but_rims(b: TreeBuilder, mesh):

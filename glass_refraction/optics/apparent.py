@@ -27,6 +27,7 @@ def apparent_points(
     *,
     tolerance: float = 1e-9,
     guess: ApparentPoints | None = None,
+    last: bool = False,
 ) -> ApparentPoints:
     """Where points appear along one light path.
 
@@ -42,6 +43,9 @@ def apparent_points(
         Angle at the eye in radians by which `direction` may be off.
     guess : ApparentPoints, optional
         An earlier result for the same N points. It changes the time, never the answer.
+
+    last : bool
+        Leave out all stretches but the last, where a glass's interfaces have names.
 
     Returns
     -------
@@ -67,7 +71,9 @@ def apparent_points(
     if finite is not None:
         largest = _largest(some)
     if isinstance(glass, AxialGlass):
-        slots, iterations = axial_slots(glass, path, eye, some, tolerance)
+        slots, iterations = axial_slots(
+            glass, path, eye, some, tolerance, len(path) if last else None
+        )
     else:
         slots, iterations = _slots(glass, path, eye, some, tolerance, guess, finite, largest)
     if finite is None:

@@ -8,7 +8,7 @@ The way of a ray is decided by meeting the nearest interface, whichever that is;
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -78,6 +78,28 @@ class AxialGlass:
         """Which points (N, 3) lie in a medium, its interfaces included."""
         raise NotImplementedError
 
+    def outlines(self, longest: float) -> dict[str, tuple[Floats, Floats]]:
+        """Sections of all interfaces: points (K, 2) of radius and height, metres, and normals.
+
+        The front is on the right of the way along the points. Interfaces that meet share their
+        ends bit by bit. `longest`: between two points, metres; a straight section across the axis
+        has two.
+        """
+        found = {}
+        ends: list[Floats] = []
+        for interface in self.interfaces:
+            points, normals = interface.surface.outline(longest / self.scale)
+            if len(points) < 2:
+                continue
+            for end in (0, -1):
+                known = next((e for e in ends if np.abs(e - points[end]).max() < MEETING), None)
+                if known is None:
+                    ends.append(points[end].copy())
+                else:
+                    points[end] = known
+            found[interface.name] = (points * self.scale, normals)
+        return found
+
     def named(self, name: str) -> Interface:
         """The interface of this name; ValueError if there is none."""
         for interface in self.interfaces:
@@ -93,6 +115,10 @@ class AxialGlass:
             for number, interface in enumerate(self.interfaces)
             if medium in (interface.front, interface.back)
         )
+
+
+MEETING = 1e-7
+"""Distance, in units of `scale`, within which the ends of two interfaces are one."""
 
 
 def steps_of(path: LightPath) -> Steps:
@@ -125,12 +151,12 @@ class Wanted:
             self._begun[steps] = any(self._matches(path, steps) for path in self.paths)
         return self._begun[steps]
 
-    def complete(self, steps: Steps) -> tuple[int, ...]:
-        """Numbers of the paths that are these steps."""
+    def complete(self, steps: Steps, is_open: bool = False) -> tuple[int, ...]:
+        """Numbers of the paths that are these steps, and are open or are not."""
         return tuple(
             number
             for number, path in enumerate(self.paths)
-            if len(path) == len(steps) and self._matches(path, steps)
+            if path.open == is_open and len(path) == len(steps) and self._matches(path, steps)
         )
 
 
@@ -139,7 +165,7 @@ class Group:
     """Rays that met the same interfaces so far.
 
     `medium` they are in, `index`: their numbers, `weight`: part of the light, `trail`: medium and
-    geometric lengths of every stretch so far, in units of `scale`.
+    geometric lengths of every stretch so far, in units of `scale`. `open`: they go on.
     """
 
     steps: Steps
@@ -148,6 +174,7 @@ class Group:
     index: NDArray[np.intp]
     weight: Floats
     trail: tuple[tuple[int, Floats], ...] = ()
+    open: bool = False
 
     def take(self, which) -> Group:
         return Group(
@@ -206,14 +233,18 @@ def follow(
     glass: AxialGlass,
     groups: list[Group],
     onward: Callable[[Steps, Floats], NDArray[np.bool_] | None],
+    watch: Callable[[Steps], bool] = lambda steps: False,
 ) -> Iterator[Group]:
     """Every way of the rays through the glass, as groups of rays that meet nothing further.
 
-    `onward` tells, of the light that arrives after some steps, which rays to follow on (None: no).
+    `onward` tells, of the light that arrives after some steps, which rays to follow on (None: no);
+    `watch`, after which steps to tell of rays that go on: as open groups.
     """
     stack = list(groups)
     while stack:
         group = stack.pop()
+        if watch(group.steps):
+            yield replace(group, open=True)
         met, way = nearest(glass, group.medium, group.rays)
         if group.medium == 0:
             ends = np.flatnonzero(met < 0)
@@ -257,8 +288,11 @@ def follow_paths(glass: AxialGlass, groups: list[Group], paths: Iterable[LightPa
     def onward(steps, weight):
         return np.ones(len(weight), dtype=bool) if wanted.begun(steps) else None
 
-    for group in follow(glass, groups, onward):
-        numbers = wanted.complete(group.steps)
+    def watch(steps):
+        return bool(wanted.complete(steps, True))
+
+    for group in follow(glass, groups, onward, watch):
+        numbers = wanted.complete(group.steps, group.open)
         if numbers:
             yield numbers, group
 
@@ -296,7 +330,8 @@ def weights_axial(glass: AxialGlass, eye: Floats, directions: Floats, paths) -> 
         groups = start(glass, origins[block], directions[block])
         for numbers, group in follow_paths(glass, groups, paths):
             index = group.index + block.start
-            rest[index] -= group.weight
+            if not group.open:
+                rest[index] -= group.weight
             for number in numbers:
                 found[number, index] += group.weight
 

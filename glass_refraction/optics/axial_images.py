@@ -279,9 +279,10 @@ def _uneven(lines) -> NDArray[np.bool_]:
 
 
 @lru_cache(maxsize=128)
-def lattice_of(glass: AxialGlass, eye, steps) -> Lattice | None:
+def lattice_of(glass: AxialGlass, eye, steps, is_open: bool = False) -> Lattice | None:
     """The lattice of a path; None where no ray takes it. `eye`: a tuple or a parallel view."""
-    passage = Passage(glass, eye if isinstance(eye, ParallelView) else np.array(eye), steps)
+    where = eye if isinstance(eye, ParallelView) else np.array(eye)
+    passage = Passage(glass, where, steps, is_open)
     if not passage.possible:
         return None
     lattice = Lattice(passage)
@@ -639,6 +640,8 @@ class Search:
         on = course.exists & (way >= -edge) & (way <= course.ways[stretch] + edge)
         unsure = np.flatnonzero(on & ~self.lattice.certain(unknowns)) if proof else []
         on[unsure] = passage.takes(tuple(part[unsure] for part in unknowns))
+        if passage.open and stretch == len(passage.stages):
+            on &= ~passage.cut_off(line, way, on)
         x, y, _ = (np.broadcast_to(part, residual.shape) for part in line.at(way))
         outward = x * line.momentum[0] + y * line.momentum[1] > 0.0
         # ℓ, the invariant of all of the ray
@@ -856,9 +859,12 @@ def _ranks(search: Search, found: Found) -> NDArray[np.intp]:
 
 
 def axial_slots(
-    glass: AxialGlass, path: LightPath, eye, points: Floats, tolerance: float
+    glass: AxialGlass, path: LightPath, eye, points: Floats, tolerance: float, only: int | None
 ) -> tuple[list[Slot], int]:
-    """The images of finite points (N, 3) along a path, a slot a sheet, and the most steps."""
+    """The images of finite points (N, 3) along a path, a slot a sheet, and the most steps.
+
+    `only`: on this stretch, None for all.
+    """
     where = eye if isinstance(eye, ParallelView) else tuple(float(part) for part in eye)
     if path.interfaces is None:
         ways = realisations(glass, where, path.events)
@@ -870,10 +876,12 @@ def axial_slots(
     for steps in ways:
         if not steps or not len(points):
             continue
-        lattice = lattice_of(glass, where, steps)
+        lattice = lattice_of(glass, where, steps, path.open)
         if lattice is None:
             continue
         for stretch in range(1, len(steps) + 1):
+            if only not in (None, stretch):
+                continue
             inside = np.flatnonzero(glass.holds(lattice.passage.media[stretch], points))
             if not len(inside):
                 continue

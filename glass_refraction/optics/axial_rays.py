@@ -60,8 +60,8 @@ class Course:
 class Passage:
     """A path through a glass from one viewpoint; lengths in units of `glass.scale`."""
 
-    def __init__(self, glass: AxialGlass, eye, steps: Steps) -> None:
-        self.glass, self.steps = glass, steps
+    def __init__(self, glass: AxialGlass, eye, steps: Steps, is_open: bool = False) -> None:
+        self.glass, self.steps, self.open = glass, steps, is_open
         self.view = viewpoint(glass, eye)
         medium = self.view.medium
         stages, media = [], [medium]
@@ -76,7 +76,7 @@ class Passage:
             stages.append(Stage(interface.surface, interface.back == medium, gain, number))
             medium = medium if event == "R" else beyond
             media.append(medium)
-        self.possible = stages is not None and medium == 0
+        self.possible = stages is not None and (is_open or medium == 0)
         self.stages = tuple(stages or ())
         self.media = tuple(media)
         self.ior = glass.media[self.view.medium]
@@ -214,9 +214,14 @@ class Passage:
                 keep = np.flatnonzero(exists & possible)
                 rays, index = rays.take(keep), index[keep]
             free = np.ones(len(index), dtype=bool)
-            free &= ~self._hidden(len(self.stages), rays, np.full(len(index), np.inf), free)
+            if not self.open:
+                free &= ~self._hidden(len(self.stages), rays, np.full(len(index), np.inf), free)
             result[index[free]] = True
         return result
+
+    def cut_off(self, line: Rays, way, where) -> NDArray[np.bool_]:
+        """Which rays on the last stretch (of those `where`) meet something before that way."""
+        return self._hidden(len(self.stages), line, way, where)
 
     def _hidden(self, number: int, rays: Rays, way, where) -> NDArray[np.bool_]:
         """Which rays (of those `where`) meet something else before the end of a stretch."""

@@ -22,20 +22,26 @@ class LightPath:
     interfaces : tuple of str, optional
         Names of the interfaces met, one an event, for glasses whose interfaces have names
         (`Tumbler.interfaces`), where the events alone do not tell a path. None: whichever.
+    open : bool
+        Only the beginning of paths: after these events the ray may go on as it likes. What all
+        paths with one beginning show on its last stretch is found once so. Needs `interfaces`.
 
     Raises
     ------
     ValueError
-        For any other letter, or if `interfaces` are not one name an event.
+        For any other letter, if `interfaces` are not one name an event, or missing where `open`.
     """
 
     events: str
     interfaces: tuple[str, ...] | None = None
+    open: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.events, str) or set(self.events) - {"T", "R"}:
             raise ValueError(f"events must be a string of T and R, not {self.events!r}")
         if self.interfaces is None:
+            if self.open:
+                raise ValueError(f"open paths need interfaces: {self.events!r}")
             return
         names = self.interfaces
         if isinstance(names, str) or not all(isinstance(name, str) for name in names):
@@ -48,10 +54,21 @@ class LightPath:
         return len(self.events)
 
     def __str__(self) -> str:
-        """The events, with the interfaces where they are named: "T outer, T wet, R surface"."""
+        """The events, with the interfaces where they are named: "T outer, T wet, R surface".
+
+        Dots follow where the path is open.
+        """
         if not self.interfaces:
             return self.events
-        return ", ".join(" ".join(step) for step in zip(self.events, self.interfaces, strict=True))
+        steps = [" ".join(step) for step in zip(self.events, self.interfaces, strict=True)]
+        return ", ".join([*steps, "..."] if self.open else steps)
+
+    def begins(self, other: "LightPath") -> bool:
+        """Whether the other path starts with all of this one's events at its interfaces."""
+        count = len(self)
+        return other.events[:count] == self.events and (other.interfaces or ())[:count] == (
+            self.interfaces or ()
+        )
 
 
 @dataclass(frozen=True)

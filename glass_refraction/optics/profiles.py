@@ -401,6 +401,42 @@ class Profile:
         momentum = tuple(a + change * b for a, b in zip(p, normal, strict=True))
         return Rays((x, y, z), momentum, tuple(slopes)), possible
 
+    def outline(self, longest: float) -> tuple[Floats, Floats]:
+        """As `Cylinder.outline`: the part between `low` and `high`."""
+        ts = []
+        for k in range(self.count):
+            r, z, *_ = self.on_curve(np.linspace(k, k + 1, 33))
+            length = np.hypot(np.diff(r), np.diff(z)).sum()
+            parts = max(1, math.ceil(length / longest))
+            ts.append(k + np.arange(parts) / parts)
+        ts = np.append(np.concatenate(ts), float(self.count))
+        heights = self.on_curve(ts)[1]
+        inside = np.flatnonzero((heights >= self.low) & (heights <= self.high))
+        if not len(inside):
+            return np.zeros((0, 2)), np.zeros((0, 2))
+        first, last = inside[0], inside[-1]
+        kept = ts[first : last + 1]
+        if first:
+            kept = np.insert(kept, 0, self._crossing(ts[first - 1], ts[first]))
+        if last + 1 < len(ts):
+            kept = np.append(kept, self._crossing(ts[last + 1], ts[last]))
+        kept = kept[np.append(True, np.diff(kept) > 1e-9)]
+        r, z, r1, z1, *_ = self.on_curve(kept)
+        normals = np.stack([z1, -r1], axis=-1)
+        normals /= np.maximum(np.sqrt(np.sum(normals**2, axis=1, keepdims=True)), LEAST)
+        return np.stack([np.maximum(r, 0.0), z], axis=-1), normals
+
+    def _crossing(self, outside: float, inside: float) -> float:
+        """Where between two places of the curve the part between `low` and `high` ends."""
+        for _ in range(60):
+            middle = 0.5 * (outside + inside)
+            height = self.on_curve(np.array([middle]))[1][0]
+            if self.low <= height <= self.high:
+                inside = middle
+            else:
+                outside = middle
+        return inside
+
     # ---- as the first interface ---------------------------------------------------------
 
     def sample(self, start: Viewpoint, back: bool) -> Patch | None:

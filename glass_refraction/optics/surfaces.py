@@ -13,6 +13,7 @@ plane. A ray comes from the side of the medium it runs in.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,6 +132,14 @@ class Cylinder:
             )
         return Rays((x, y, z), (px + change * x, py + change * y, pz), tuple(slopes)), possible
 
+    def outline(self, longest: float) -> tuple[Floats, Floats]:
+        """Points (K, 2) of radius and height along the section, the front on the right, and the
+        unit normals (K, 2) towards the front; no two points further apart than `longest`."""
+        count = max(1, math.ceil((self.high - self.low) / longest)) + 1
+        heights = np.linspace(self.low, self.high, count)
+        points = np.column_stack((np.full(count, self.radius), heights))
+        return points, np.tile((1.0, 0.0), (count, 1))
+
     def coordinates(self, x, y, z) -> tuple:
         """The coordinates of places in a patch: azimuth and height."""
         return np.arctan2(y, x), z
@@ -225,6 +234,10 @@ class Plane:
             dy = dy + way * dpy + more * py
             slopes.append((dx, dy, np.zeros_like(dx), dpx, dpy, dpz * turned))
         return Rays((x, y, self.height + 0.0 * x), (px, py, after), tuple(slopes)), possible
+
+    def outline(self, longest: float) -> tuple[Floats, Floats]:
+        points = np.array([(self.outer, self.height), (self.inner, self.height)])
+        return points, np.tile((0.0, 1.0), (2, 1))
 
     def coordinates(self, x, y, z) -> tuple:
         return np.arctan2(y, x), np.sqrt(x * x + y * y)

@@ -217,6 +217,8 @@ def _kind(glass: Glass, surface: Surface) -> tuple:
     eta = surface.ior_inside / surface.ior_outside
     if not glass.is_tinted:
         return (eta, None, None)
+    if surface.media is not None:
+        return (eta, *(glass.absorption[medium] for medium in surface.media))
     place, _, number = surface.name.rpartition(" ")
     number = int(number)
     if place in {"wall", "interface", "shell"}:

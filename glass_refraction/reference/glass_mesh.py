@@ -15,11 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..optics import CylinderGlass, FlatGlass, SphereGlass
+from ..optics.axial import AxialGlass
+from ..optics.surfaces import Cylinder, Plane
 
 # Facets round a full circle. A chord misses its arc by r * (pi / segments)**2 / 2: 1.2e-6 r for the
 # cylinder, 1.9e-5 r for the sphere, whose number of faces grows with the square.
 CYLINDER_SEGMENTS = 2048
 SPHERE_SEGMENTS = 512
+PROFILE_SEGMENTS = 768
 # Length to width of a wall's facets: long slivers cost a renderer digits and time.
 FACET_ASPECT = 32
 MAX_BANDS = 64
@@ -38,6 +41,8 @@ class Surface:
     sizes : (F,) number of corners of each face; a face may be a concave polygon.
     normals : (C, 3) unit, the true surface's normal at each corner.
     ior_inside, ior_outside : the media behind the surface and on the side of its normals.
+    media : numbers of the media on the side of its normals and behind it, where the glass's
+        description numbers them.
     """
 
     name: str
@@ -47,6 +52,7 @@ class Surface:
     normals: np.ndarray
     ior_inside: float
     ior_outside: float
+    media: tuple[int, int] | None = None
 
     def flipped(self) -> Surface:
         """The same interface, its normals on the other side."""
@@ -57,11 +63,12 @@ class Surface:
             normals=-self.normals[::-1],
             ior_inside=self.ior_outside,
             ior_outside=self.ior_inside,
+            media=self.media and self.media[::-1],
         )
 
 
 def glass_surfaces(
-    glass: FlatGlass | CylinderGlass | SphereGlass,
+    glass: FlatGlass | CylinderGlass | SphereGlass | AxialGlass,
     *,
     segments: int | None = None,
     reach: float = 100.0,
@@ -86,7 +93,7 @@ def glass_surfaces(
     ValueError
         ``segments`` below 4, ``reach`` not positive.
     TypeError
-        ``glass`` is none of the three.
+        ``glass`` is none of these.
     """
     if segments is not None and segments < 4:
         raise ValueError(f"segments must be at least 4, not {segments}")
@@ -98,6 +105,8 @@ def glass_surfaces(
         return _cylinder(glass, segments or CYLINDER_SEGMENTS, reach)
     if isinstance(glass, SphereGlass):
         return _sphere(glass, segments or SPHERE_SEGMENTS)
+    if isinstance(glass, AxialGlass):
+        return _axial(glass, segments)
     raise TypeError(f"no mesh for a glass of type {type(glass).__name__}")
 
 
@@ -158,6 +167,75 @@ def _sphere(glass: SphereGlass, segments: int) -> tuple[Surface, ...]:
         )
         surfaces.append(shell if i == 0 else shell.flipped())
     return tuple(surfaces)
+
+
+def _axial(glass: AxialGlass, segments: int | None) -> tuple[Surface, ...]:
+    """Every interface once, by its name: lathed sections that share their ends."""
+    straight = all(isinstance(part.surface, (Cylinder, Plane)) for part in glass.interfaces)
+    segments = segments or (CYLINDER_SEGMENTS if straight else PROFILE_SEGMENTS)
+    circle = _unit_circle(segments)
+    facet = 2 * np.pi * glass.scale / segments
+    outlines = glass.outlines(FACET_ASPECT * facet if straight else facet)
+    surfaces = []
+    for interface in glass.interfaces:
+        if interface.name in outlines:
+            media = (interface.front, interface.back)
+            surfaces.append(
+                _lathed(interface.name, circle, *outlines[interface.name], glass.media, media)
+            )
+    return tuple(surfaces)
+
+
+def _lathed(
+    name: str,
+    circle: np.ndarray,
+    points: np.ndarray,
+    normals: np.ndarray,
+    iors: tuple[float, ...],
+    media: tuple[int, int],
+) -> Surface:
+    """A section (K, 2) of radius and height turned about the axis; normals (K, 2) likewise."""
+    count = len(circle)
+    around = [1 if radius == 0.0 else count for radius in points[:, 0]]
+    first = np.cumsum([0, *around])
+    vertices = np.concatenate(
+        [
+            np.column_stack((r * circle[:n], np.full(n, z)))
+            for (r, z), n in zip(points, around, strict=True)
+        ]
+    )
+    here = np.arange(count)
+    onward = np.roll(here, -1)
+    corners, sizes, of_row, turn = [], [], [], []
+    for row in range(len(points) - 1):
+        low, high = first[row], first[row + 1]
+        if around[row] == 1 and around[row + 1] == 1:
+            raise ValueError(f"{name} must not run along the axis")
+        if around[row] == 1:
+            ring = (here + high, here * 0 + low, onward + high)[::-1]
+            rows, turns = (row + 1, row, row + 1)[::-1], (here, here, onward)[::-1]
+        elif around[row + 1] == 1:
+            ring, rows = (here + low, onward + low, here * 0 + high), (row, row, row + 1)
+            turns = (here, onward, here)
+        else:
+            ring = (here + low, onward + low, onward + high, here + high)
+            rows, turns = (row, row, row + 1, row + 1), (here, onward, onward, here)
+        corners.append(np.column_stack(ring).ravel())
+        sizes.append(np.full(count, len(ring)))
+        of_row.append(np.tile(rows, count))
+        turn.append(np.column_stack(turns).ravel())
+    of_row, turn = np.concatenate(of_row), np.concatenate(turn)
+    flat = normals[of_row]
+    return Surface(
+        name=name,
+        vertices=vertices,
+        corners=np.concatenate(corners),
+        sizes=np.concatenate(sizes),
+        normals=np.column_stack((flat[:, :1] * circle[turn], flat[:, 1])),
+        ior_inside=iors[media[1]],
+        ior_outside=iors[media[0]],
+        media=media,
+    )
 
 
 def _anticlockwise(outline: np.ndarray) -> np.ndarray:

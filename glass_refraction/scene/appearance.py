@@ -19,6 +19,8 @@ from .glasses import Glass, unbounded
 from .mesh_arrays import SourceMesh, read_source_mesh, read_triangles
 from .sources import Piece, Snapshot
 from .tessellation import (
+    ACROSS_PX,
+    WATERLINE_PX,
     EdgeImages,
     Images,
     Probe,
@@ -44,6 +46,8 @@ class Solver:
     path: optics.LightPath
     view: Viewpoint
     tolerance_px: float
+    last: bool = False
+    """Only what is seen on the last stretch of paths that name their interfaces."""
 
     def __call__(self, points: np.ndarray, guess=None) -> optics.ApparentPoints:
         """Apparent points of (N, 3) world points, in the glass's frame.
@@ -63,6 +67,7 @@ class Solver:
             points,
             tolerance=1e-9 if view.is_parallel else self.tolerance_px / view.focal_px,
             guess=guess,
+            last=self.last,
         )
 
     def images(self, points: np.ndarray) -> Images:
@@ -193,6 +198,7 @@ class Search:
                 self.rect,
                 self.max_gap_px,
                 self.importance,
+                self._across_px,
             )
             if not refined.visible:
                 return self._unseen(source, triangles, corners, found)
@@ -251,6 +257,10 @@ class Search:
             exact=False,
         )
 
+    @property
+    def _across_px(self) -> float:
+        return WATERLINE_PX if self.solver.path.open else ACROSS_PX
+
     def _local(self, source: Source) -> np.ndarray:
         """The source's vertices in the glass's frame, without a detour by the world."""
         return source.snapshot.placed(self.solver.glass.from_world())
@@ -269,7 +279,8 @@ class Search:
     def _edges(self, triangles: Triangles, images: Images) -> tuple[EdgeImages, np.ndarray]:
         """All edges, measured where they could miss, and which of them (E,) may be seen."""
         edges, triangle_edges = triangles.edges()
-        found = EdgeImages(triangles.points, edges, images, self.solver.view)
+        view = self.solver.view
+        found = EdgeImages(triangles.points, edges, images, view, self._across_px)
         near = found.near(triangle_edges, self.rect)
         asked = np.nonzero(found.doubtful(near, self.max_gap_px, may_hide_more(images)))[0]
         if len(asked):

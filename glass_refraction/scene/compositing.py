@@ -11,6 +11,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .. import optics
 from .arrays import write_image
 from .glasses import Glass
 from .layers import DEPTH_LAYER, Layers, Pane
@@ -290,22 +291,44 @@ class _Group:
         """The picture with one more glass in it."""
         # What no path brings is dark, not transparent: alpha lacks only what passes the scene.
         seen_colour, passing = (0.0, 0.0, 0.0), 0.0
-        mirrored = pane.ray_layers(self.around).get(pane.mirror_layer, ())
-        if mirrored:
-            rays = self._layer(self.layers.around, pane.mirror_layer)
-            seen_colour = rays.outputs["Image"]
-            passing = self._math("SUBTRACT", 1.0, rays.outputs["Alpha"])
+        uncovered: dict[optics.LightPath, bpy.types.NodeSocket] = {}
+        # What the open paths show is needed first: it stands before what others show.
+        inner = {path: self._inside(pane, path) for path in pane.paths if path.open}
+        for path, (_, path_alpha) in inner.items():
+            uncovered[path] = self._math("SUBTRACT", 1.0, path_alpha)
+
+        def behind(path, part):
+            for begin in pane.before(path):
+                part = self._scaled(part, uncovered[begin])
+            return part
+
+        def alpha_behind(path, part):
+            for begin in pane.before(path):
+                part = self._math("MULTIPLY", part, uncovered[begin])
+            return part
+
+        mirrored: set[int] = set()
+        for name, numbers in pane.mirror_layers(self.around).items():
+            mirrored.update(numbers)
+            rays = self._layer(self.layers.around, name)
+            first = pane.paths[numbers[0]]
+            part = behind(first, rays.outputs["Image"])
+            seen_colour = self._vector("ADD", seen_colour, part)
+            through = self._math("SUBTRACT", 1.0, rays.outputs["Alpha"])
+            passing = self._math("ADD", passing, alpha_behind(first, through))
         for number, path in enumerate(pane.paths):
             if number in mirrored:
                 continue
             image = self._node("CompositorNodeImage")
             image.image = _own_image(_weight_name(self.scene, pane, number), "weights")
             weight = image.outputs["Image"]
-            path_colour, path_alpha = self._path(pane, path)
-            part = self._vector("MULTIPLY", path_colour, weight)
+            path_colour, path_alpha = inner[path] if path.open else self._path(pane, path)
+            part = behind(path, self._vector("MULTIPLY", path_colour, weight))
             seen_colour = self._vector("ADD", seen_colour, part)
+            if path.open:
+                continue
             through = self._math("MULTIPLY", self._math("SUBTRACT", 1.0, path_alpha), weight)
-            passing = self._math("ADD", passing, through)
+            passing = self._math("ADD", passing, alpha_behind(path, through))
         seen_alpha = self._math("SUBTRACT", 1.0, passing)
         cover = self._mask(pane)
         beside = self._math("SUBTRACT", 1.0, cover)
@@ -338,7 +361,10 @@ class _Group:
         found = self._brought_down(self._scaled(looked_up, shown))
         share = self._brought_down(shown)
         missing = self._math("SUBTRACT", 1.0, share)
-        if pane.contents:
+        if path.open:
+            drawn = self._layer(self.layers.displaced, pane.layer(path))
+            else_colour, else_alpha = drawn.outputs["Image"], drawn.outputs["Alpha"]
+        elif pane.contents and path.interfaces is None:
             else_colour, else_alpha = self._drawn(pane, path)
         else:
             around = self._layer(self.layers.around, pane.layer(path))
@@ -346,6 +372,13 @@ class _Group:
         colour = self._vector("ADD", found, self._scaled(else_colour, missing))
         alpha = self._math("ADD", share, self._math("MULTIPLY", else_alpha, missing))
         return colour, alpha
+
+    def _inside(self, pane: Pane, path):
+        """Colour (times alpha) and alpha of what a glass holds, seen along an open path."""
+        if self.true_shading:
+            return self._path(pane, path)
+        drawn = self._layer(self.layers.displaced, pane.layer(path))
+        return drawn.outputs["Image"], drawn.outputs["Alpha"]
 
     def _drawn(self, pane: Pane, path):
         """The copies as shaded where they are drawn, and what they leave uncovered."""

@@ -16,6 +16,8 @@ import bpy
 
 from .. import optics
 from .arrays import write_attribute, write_polygons
+from .glasses import NAMED_SHAPES, glass_modifier, glass_objects
+from .modifier_inputs import read_input
 from .names import TAG, hidden_name, own
 from .screen import Screen
 from .viewpoint import Viewpoint
@@ -34,7 +36,7 @@ def surroundings(scene: bpy.types.Scene, shading: str) -> str:
     -------
     ``MIRRORED`` : objects, lamps and the world; paths with a mirror have no copies.
     ``HIDDEN`` : the same, but every path has copies (their light is looked up in the direct
-        picture, which does not show all).
+        picture, which does not show all), or some paths have none (a tumbler has too many).
     ``WORLD`` : the world alone.
     empty : nothing; the world is one colour, or the engine shows none.
     """
@@ -42,9 +44,17 @@ def surroundings(scene: bpy.types.Scene, shading: str) -> str:
         return ""
     if scene.refractive_glass.mirrors == "RAYS" and scene.refractive_glass.surface == "GLASS":
         return "MIRRORED"
-    if shading == "TRUE":
+    if shading == "TRUE" or _has_cup(scene):
         return "HIDDEN"
     return "" if is_uniform(scene.world) else "WORLD"
+
+
+def _has_cup(scene: bpy.types.Scene) -> bool:
+    """Whether any glass is of a shape with more paths than can have copies."""
+    return any(
+        read_input(glass_modifier(glass), "Shape") in NAMED_SHAPES
+        for glass in glass_objects(scene.view_layers[0])
+    )
 
 
 def shows_objects(around: str) -> bool:

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from .. import optics
+from ..optics.axial import AxialGlass
 from .modifier_inputs import has_input, read_input
 from .names import RefractiveGlassError, own
 from .visibility import rendered_objects
@@ -18,6 +19,10 @@ from .visibility import rendered_objects
 _RIGID_TOLERANCE = 1e-4
 # What goes less deep into a glass than this, relative to its size, stands against it.
 _TOUCHING = 1e-3
+NAMED_SHAPES = ("Tumbler",)
+"""Shapes whose light paths name their interfaces (`AxialGlass`)."""
+# A liquid less deep than this, relative to its glass's radius, is none.
+_SHALLOW = 1e-5
 # Limits of absorption: the darkest colour and the shortest distance, metres.
 _DARKEST = 1e-6
 _SHORTEST = 1e-6
@@ -37,7 +42,7 @@ class Glass:
     """
 
     name: str
-    description: optics.FlatGlass | optics.CylinderGlass | optics.SphereGlass
+    description: optics.FlatGlass | optics.CylinderGlass | optics.SphereGlass | AxialGlass
     to_world: np.ndarray
     absorption: tuple[tuple[float, float, float], ...] = ()
 
@@ -70,6 +75,11 @@ class Glass:
             within = np.all((local[:, :2] > low) & (local[:, :2] < high), axis=1)
             skin = _TOUCHING * thickness
             return within & (z < -skin) & (z > skin - thickness)
+        if isinstance(description, AxialGlass):
+            radius, low, high = (part * description.scale for part in description.hull)
+            skin = _TOUCHING * (high - low)
+            inside = np.hypot(local[:, 0], local[:, 1]) < radius * (1 - _TOUCHING)
+            return inside & (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
         inside = description.distance_from_axis(local) < description.radius[0] * (1 - _TOUCHING)
         if isinstance(description, optics.CylinderGlass):
             low, high = description.extent
@@ -164,6 +174,12 @@ def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
                 (size["wall"],), (ior,), ior_below=contents, outline=outline
             )
             pose = pose @ frame
+        elif shape == "Tumbler":
+            bottom, level = (
+                float(read_input(modifier, name)) * scale
+                for name in ("Bottom Thickness", "Liquid Level")
+            )
+            description = _tumbler(size, bottom, level, ior, contents)
         else:
             description = _coaxial(shape, size, ior, contents)
     except ValueError as error:
@@ -203,6 +219,21 @@ def _coaxial(shape: str, size: dict[str, float], ior: float, contents: float):
     if not (math.isfinite(size["height"]) and size["height"] > 0):
         raise ValueError(f"height {size['height']:g} m must be positive")
     return optics.CylinderGlass(radii, media, extent=(0.0, size["height"]))
+
+
+def _tumbler(size: dict[str, float], bottom: float, level: float, ior: float, contents: float):
+    """The description of a tumbler from its sizes in metres; more than full is full."""
+    radius, wall, height = size["radius"], size["wall"], size["height"]
+    for name, value, limit in (("wall", wall, radius), ("bottom", bottom, height)):
+        if not 0 < value < limit:
+            of = "radius" if name == "wall" else "height"
+            raise ValueError(
+                f"{name} thickness {value:g} m must be between 0 and the {of} {limit:g} m"
+            )
+    level = min(max(level, 0.0), height - bottom)
+    if level < _SHALLOW * radius:
+        level = 0.0
+    return optics.Tumbler(radius, wall, height, bottom, ior, contents, level)
 
 
 def unbounded(description):

@@ -7,9 +7,13 @@ import numpy as np
 from mathutils.geometry import tessellate_polygon
 
 from .. import optics
+from ..optics.axial import AxialGlass
+from ..optics.tumbler import GLASS
 from .glasses import Glass
 from .names import RefractiveGlassError
 
+SECTION = 0.02
+"""Longest piece of a curved section, in units of the glass's size."""
 SEGMENTS = 512
 """Round the axis: the polygon leaves the circle by 2e-5 of the radius, 0.01 px at 500 px."""
 
@@ -35,6 +39,8 @@ def first_face(glass: Glass, eye) -> tuple[np.ndarray, np.ndarray]:
     parallel = isinstance(eye, optics.ParallelView)
     if isinstance(description, optics.FlatGlass):
         return _flat_face(glass, description, eye, parallel)
+    if isinstance(description, AxialGlass):
+        return _axial_faces(glass, description, eye, parallel)
     centre_distance = np.inf
     if not parallel:
         flat = isinstance(description, optics.CylinderGlass)
@@ -86,6 +92,35 @@ def _flat_face(glass: Glass, description, eye, parallel: bool):
     flip = upward != from_above
     triangles[flip] = triangles[flip][:, ::-1]
     return vertices, triangles
+
+
+def _axial_faces(glass: Glass, description: AxialGlass, eye, parallel: bool):
+    """All interfaces of the medium that the eye is in, the far ones too: `faces_eye` tells."""
+    medium = 0 if parallel else int(description.medium_at(eye))
+    if medium == GLASS:
+        raise _inside(glass)
+    outlines = description.outlines(SECTION * description.scale)
+    vertices, faces, count = [], [], 0
+    for _, interface in description.around(medium):
+        points, _ = outlines.get(interface.name, (np.zeros((0, 2)), None))
+        if len(points) < 2:
+            continue
+        places = points if interface.front == medium else points[::-1]
+        here, quads = _grid(SEGMENTS, _section(places), len(places))
+        vertices.append(here)
+        faces.append(quads + count)
+        count += len(here)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def _section(points: np.ndarray):
+    """``place(turn, row)`` for a section (K, 2) of radius and height."""
+
+    def place(turn: np.ndarray, row: np.ndarray) -> np.ndarray:
+        radius, height = points[np.rint(row * (len(points) - 1)).astype(int)].transpose(2, 0, 1)
+        return np.stack((radius * np.cos(turn), radius * np.sin(turn), height), axis=-1)
+
+    return place
 
 
 def _inside(glass: Glass) -> RefractiveGlassError:

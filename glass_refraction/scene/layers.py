@@ -35,6 +35,7 @@ from .environment import (
 from .glasses import glass_modifier
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
+from .path_keys import path_key, short_key
 from .regions import FILTER_WIDTH
 from .shaders import depth_material, lookup_material, mask_material
 from .sources import is_carried
@@ -55,6 +56,9 @@ _GLASS = "refractive_glass_name"
 _PATH = "refractive_glass_path"
 _OWNER = "refractive_glass_owner"
 _LAYER = "refractive_glass_layer"
+_MIRRORED = "refractive_glass_mirrored"
+_PATHS = "refractive_glass_paths"
+"""On a glass's hull: the keys of all its paths."""
 
 _SESSION = uuid.uuid4().hex
 """Blender numbers data-blocks anew in each session: in another this number is another's."""
@@ -69,32 +73,56 @@ class Pane:
     sources: tuple[bpy.types.Object, ...]
     contents: tuple[bpy.types.Object, ...] = ()
     """The sources that reach into the glass."""
+    bare: frozenset[optics.LightPath] = frozenset()
+    """Paths whose last stretch the engine's rays show, without copies."""
 
     def carried(self, path: optics.LightPath, around: str) -> tuple[bpy.types.Object, ...]:
         """The sources of which displaced copies are shown along the path.
 
-        ``around`` as :func:`environment.surroundings` has it.
+        ``around`` as :func:`environment.surroundings` has it. Where open paths show what the glass
+        holds, the others show only what is seen after they left it.
         """
+        if path.open:
+            return self.contents
+        if path.interfaces is not None:
+            here = path not in self.bare and needs_copies(path, around)
+            return self.sources if here else ()
         return self.sources if needs_copies(path, around) else self.contents
 
     def layer(self, path: optics.LightPath) -> str:
         """Name of the view layer of one path, in both scenes."""
-        return f"{self.glass.name} {path.events}"
+        return f"{self.glass.name} {short_key(path)}"
 
-    @property
-    def mirror_layer(self) -> str:
-        """Name of the view layer of all paths that have no copies."""
-        return f"{self.glass.name} mirrored"
+    def before(self, path: optics.LightPath) -> tuple[optics.LightPath, ...]:
+        """The open paths that the path begins with: what they show stands before it."""
+        return tuple(p for p in self.paths if p.open and p != path and p.begins(path))
+
+    def mirror_layers(self, around: str) -> dict[str, tuple[int, ...]]:
+        """View layers of all paths that have no copies, and their numbers.
+
+        One for all that the same things stand before.
+        """
+        if not around:
+            return {}
+        groups: dict[tuple, list[int]] = {}
+        for number, path in enumerate(self.paths):
+            if not path.open and not self.carried(path, around):
+                groups.setdefault(self.before(path), []).append(number)
+        named = enumerate(groups.values())
+        return {f"{self.glass.name} mirrored{n or ''}": tuple(group) for n, group in named}
 
     def ray_layers(self, around: str) -> dict[str, tuple[int, ...]]:
         """View layers of what rays look up, and the numbers of the paths that each shows."""
-        if not around:
-            return {}
-        layers: dict[str, tuple[int, ...]] = {}
+        layers = self.mirror_layers(around)
         for number, path in enumerate(self.paths):
-            name = self.layer(path) if self.carried(path, around) else self.mirror_layer
-            layers[name] = (*layers.get(name, ()), number)
+            if around and not path.open and self.carried(path, around):
+                layers[self.layer(path)] = (number,)
         return layers
+
+    @property
+    def drawn(self) -> tuple[optics.LightPath, ...]:
+        """The paths that may have copies."""
+        return tuple(path for path in self.paths if path not in self.bare)
 
     @property
     def mask_layer(self) -> str:
@@ -119,7 +147,7 @@ class Layers:
         return tuple(s for s in self.all() if any(layer.use for layer in s.view_layers))
 
     def copies(self) -> dict[tuple[str, str, int], bpy.types.Object]:
-        """(glass name, path events, source's session uid) -> copy."""
+        """(glass name, path key, source's session uid) -> copy."""
         found = {}
         for collection in self.lookup.collection.children:
             if not own(collection, "copies"):
@@ -128,6 +156,16 @@ class Layers:
                 source = source_of(obj)
                 if source is not None:
                     found[collection[_GLASS], collection[_PATH], source.session_uid] = obj
+        return found
+
+    def path_keys(self) -> dict[str, tuple[list[str], list[str]]]:
+        """Glass name -> keys of all its paths in their order, and of those without copies."""
+        drawn = {(c[_GLASS], c[_PATH]) for c in self.lookup.collection.children if own(c, "copies")}
+        found = {}
+        for hull in self.mask.collection.children:
+            if own(hull, "hull"):
+                name, keys = hull[_GLASS], hull[_PATHS].split("\n") if hull[_PATHS] else []
+                found[name] = keys, [key for key in keys if (name, key) not in drawn]
         return found
 
     def occluders(self) -> dict[int, bpy.types.Object]:
@@ -204,7 +242,10 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     made anew (node trees must then follow).
     """
     key = repr(
-        [(p.glass.name, [path.events for path in p.paths], p.ray_layers(around)) for p in panes]
+        [
+            (p.glass.name, [path_key(q) for q in p.paths], len(p.drawn), p.ray_layers(around))
+            for p in panes
+        ]
     )
     layers = find_layers(scene)
     anew = layers is None or layers.lookup.get(_KEY) != key
@@ -312,23 +353,26 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], arou
     for pane in panes:
         hull = _new_collection("hull", layers.mask)
         hull[_GLASS] = pane.glass.name
+        hull[_PATHS] = "\n".join(path_key(path) for path in pane.paths)
         mesh = bpy.data.meshes.new(hidden_name("hull", pane.glass.name))
         mesh.materials.append(mask_material())
         _new_object("hull", mesh, hull)
         hulls[pane.glass.name] = hull
-        for path in pane.paths:
+        for path in pane.drawn:
             made = _new_collection("copies", lookup, displaced)
-            made[_GLASS], made[_PATH] = pane.glass.name, path.events
+            made[_GLASS], made[_PATH] = pane.glass.name, path_key(path)
+            made[_LAYER] = pane.layer(path)
             copies[pane.layer(path)] = made
             held = _new_collection("held", displaced)
-            held[_GLASS], held[_PATH] = pane.glass.name, path.events
+            held[_GLASS], held[_PATH] = pane.glass.name, path_key(path)
+            held[_LAYER] = pane.layer(path)
 
     _make_around(scene, layers.around, panes, around)
     first = lookup.view_layers[0]
     first.name = DEPTH_LAYER
     first.material_override = depth_material()
     _show_only(first, occluders)
-    names = [pane.layer(path) for pane in panes for path in pane.paths]
+    names = [pane.layer(path) for pane in panes for path in pane.drawn]
     _name_layers(displaced, names)
     for number, pane in enumerate(panes):
         mask = layers.mask.view_layers[0] if number == 0 else None
@@ -337,7 +381,7 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], arou
         _show_only(mask, hulls[pane.glass.name], occluders)
         for child in _layer_collections(mask):
             child.holdout = child.collection == occluders
-        for path in pane.paths:
+        for path in pane.drawn:
             layer = lookup.view_layers.new(pane.layer(path))
             layer.material_override = lookup_material()
             _show_only(layer, copies[pane.layer(path)])
@@ -358,12 +402,13 @@ def _make_around(
             names.append(name)
             screen = _new_collection("screen", around)
             screen[_GLASS], screen[_LAYER] = pane.glass.name, name
+            screen[_MIRRORED] = name in pane.mirror_layers(mode)
             obj = _new_object("screen", mesh, screen, name)
             for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
                 setattr(obj, f"visible_{kind}", False)
             slot = obj.material_slots[0]
             slot.link = "OBJECT"
-            weighed = name == pane.mirror_layer
+            weighed = name in pane.mirror_layers(mode)
             slot.material = ray_material(f"{scene.name} {name}", numbers, weighed=weighed)
     _name_layers(around, names)
 
@@ -417,9 +462,9 @@ def _new_object(role: str, mesh: bpy.types.Mesh, collection, *parts: str) -> bpy
 def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
     """One copy a glass, path and source, and one occluder a source; the others go."""
     wanted = {
-        (pane.glass.name, path.events, source.session_uid): source
+        (pane.glass.name, path_key(path), source.session_uid): source
         for pane in panes
-        for path in pane.paths
+        for path in pane.drawn
         for source in pane.carried(path, around)
     }
     existing = layers.copies()
@@ -432,9 +477,9 @@ def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
     for collection in layers.lookup.collection.children:
         if not own(collection, "copies"):
             continue
-        for (glass, events, uid), source in wanted.items():
-            if (glass, events, uid) not in existing and (
-                (collection[_GLASS], collection[_PATH]) == (glass, events)
+        for (glass, path, uid), source in wanted.items():
+            if (glass, path, uid) not in existing and (
+                (collection[_GLASS], collection[_PATH]) == (glass, path)
             ):
                 _new_carrier("copy", COPY_GROUP, source, collection)
 
@@ -452,9 +497,9 @@ def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
 def _match_held(layers: Layers, panes: list[Pane]) -> None:
     """Copies of what a glass holds are in a collection of their own as well."""
     held = {
-        (pane.glass.name, path.events): {source.session_uid for source in pane.contents}
+        (pane.glass.name, path_key(path)): {source.session_uid for source in pane.contents}
         for pane in panes
-        for path in pane.paths
+        for path in pane.drawn
     }
     copies = layers.copies()
     for collection in layers.displaced.collection.children:
@@ -542,7 +587,7 @@ def _draw_all_or_held(displaced: bpy.types.Scene, held: bool) -> None:
             collection = child.collection
             if own(collection, "copies") or own(collection, "held"):
                 shown = own(collection, "held") == held
-                here = f"{collection[_GLASS]} {collection[_PATH]}" == view_layer.name
+                here = collection[_LAYER] == view_layer.name
                 if child.exclude == (shown and here):
                     child.exclude = not (shown and here)
 
@@ -568,7 +613,7 @@ def _match_around(scene: bpy.types.Scene, around: bpy.types.Scene, mode: str) ->
     cycles.use_layer_samples = "USE"
     # The way through the screen counts as a transparent bounce.
     cycles.transparent_max_bounces = scene.cycles.transparent_max_bounces + 2
-    mirrors = {f"{c[_GLASS]} mirrored" for c in around.collection.children if own(c, "screen")}
+    mirrors = {c[_LAYER] for c in around.collection.children if own(c, "screen") and c[_MIRRORED]}
     for layer in around.view_layers:
         worth = samples if layer.name in mirrors else samples // FALLBACK_SHARE
         if not shows_objects(mode):

@@ -53,7 +53,9 @@ class Memory:
     """The rendered frame's own time, once it is known; motion blur asks for others round it."""
     moments: dict[float, dict[tuple[str, str, int], np.ndarray]] = field(default_factory=dict)
     """Where the vertices of each copy are at these times."""
-    paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
+    paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...], np.ndarray]] = field(
+        default_factory=dict
+    )
     status: Status = field(default_factory=Status)
 
 

@@ -15,6 +15,7 @@ from .copies import write_moment
 from .layers import Layers, find_layers, source_of
 from .memory import Memory, counters, memory_of
 from .panes import standing_panes
+from .path_keys import path_key
 from .sources import is_carried, pieces
 from .viewpoint import Viewpoint
 
@@ -51,9 +52,9 @@ def keep_moment(scene, memory: Memory, layers: Layers, view: Viewpoint, depsgrap
     copies = layers.copies()
     for pane, glass in standing_panes(scene, layers, depsgraph, []):
         for path in pane.paths:
-            solver = Solver(glass, path, view, 0.1 * scene.refractive_glass.tolerance_px)
+            solver = Solver(glass, path, view, 0.1 * scene.refractive_glass.tolerance_px, last=True)
             for key, copy in copies.items():
-                if key[:2] != (glass.name, path.events) or key not in memory.copies:
+                if key[:2] != (glass.name, path_key(path)) or key not in memory.copies:
                     continue
                 shape = memory.copies[key][2]
                 original = source_of(copy)

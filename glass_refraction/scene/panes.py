@@ -5,12 +5,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from .. import optics
+from ..optics.axial import AxialGlass
+from ..optics.tumbler import GLASS
 from .glasses import Glass, glass_objects, read_glass
 from .hull import first_face
 from .layers import Layers, Pane
 from .memory import memory_of
-from .names import RefractiveGlassError, own
+from .names import RefractiveGlassError
+from .path_keys import path_of
 from .regions import path_regions, picture_rect
 from .viewpoint import Viewpoint
 
@@ -19,50 +24,119 @@ PATH_SEARCH_SIDE = 96
 hundredth of it is met by one of them, however few pixels the glass has in the picture."""
 
 
+BARE = 0.15
+"""A path counts that carries this part of ``min_weight``, where rays show it and no copies."""
+OUTWARD = {"outer", "base", "rim"}
+"""Interfaces of cups beyond which lies nothing that these hold."""
+MOST_BARE = 40
+"""Paths without copies, at most."""
+
+
 def kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
     """The paths that the glass's picture is made of: a mean weight of ``min_weight`` or more.
 
     ``optics.light_paths`` lists what carries that much for *some* ray; close to the verge light
-    runs round in the wall along a dozen paths, each too thin to be seen. Raises
+    runs round in the wall along a dozen paths, each too thin to be seen. Of glasses with bottoms
+    and levels thinner paths count too: each fills a small part of the picture alone. Raises
     RefractiveGlassError where the eye is inside the wall.
     """
+    least = scene.refractive_glass.min_weight
+    paths, mean = _listed(scene, glass, view)
+    if isinstance(glass.description, AxialGlass):
+        order = np.argsort(-mean, kind="stable")
+        thin = [number for number in order if BARE * least <= mean[number] < least]
+        kept = [*(number for number in order if mean[number] >= least), *thin[:MOST_BARE]]
+        return tuple(paths[number] for number in kept)
+    return tuple(p for p, share in zip(paths, mean, strict=True) if share >= least)
+
+
+def bare_paths(scene, glass: Glass, view: Viewpoint) -> frozenset[optics.LightPath]:
+    """Those of a cup's kept paths that rays show, without copies: mirrors, and thin ones."""
+    paths, mean = _listed(scene, glass, view)
+    weights = dict(zip(paths, mean, strict=True))
+    least = scene.refractive_glass.min_weight
+    return frozenset(
+        path
+        for path in kept_paths(scene, glass, view)
+        if "R" in path.events or weights[path] < least
+    )
+
+
+def open_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
+    """The beginnings of paths on whose last stretch a cup's contents are seen."""
+    settings = scene.refractive_glass
+    paths = optics.light_paths(
+        glass.description, view.eye_for(glass), min_weight=settings.min_weight
+    )
+    begins = {
+        optics.LightPath(path.events[:count], path.interfaces[:count], open=True): None
+        for path in paths
+        for count in range(1, len(path) + 1)
+    }
+    eye = view.eye_for(glass)
+    medium = 0 if view.is_parallel else int(glass.description.medium_at(eye))
+    begins = tuple(b for b in begins if _shows_contents(glass.description, medium, b))
+    if settings.surface != "GLASS":
+        begins = tuple(begin for begin in begins if "R" not in begin.events)
+    mean = _mean_weights(scene, glass, view, begins)
+    least = BARE * settings.min_weight if settings.surface != "GLASS" else settings.min_weight
+    return tuple(p for p, share in zip(begins, mean, strict=True) if share >= least)
+
+
+def _shows_contents(description: AxialGlass, medium: int, begin: optics.LightPath) -> bool:
+    """Whether the last stretch of an open path may run through what a cup holds.
+
+    ``medium``: that the eye is in.
+    """
+    for name, event in zip(begin.interfaces, begin.events, strict=True):
+        medium = medium if event == "R" else description.named(name).beyond(medium)
+    # From the outer wall and the underside rays leave the cup, or run on in the glass.
+    return medium != GLASS and begin.interfaces[-1] not in OUTWARD
+
+
+def _listed(scene, glass: Glass, view: Viewpoint):
+    """The paths that carry enough for some ray, and their mean weights over the glass's pixels."""
     settings = scene.refractive_glass
     fresnel = settings.surface == "GLASS"
     stamp = (glass.stamp(), view.stamp(), settings.min_weight, fresnel)
     known = memory_of(scene).paths.get(glass.name)
     if known is not None and known[0] == stamp:
-        return known[1]
+        return known[1:]
     first_face(glass, view.eye_for(glass))
     paths = optics.light_paths(
         glass.description, view.eye_for(glass), min_weight=settings.min_weight
     )
+    if not fresnel:
+        paths = tuple(path for path in paths if "R" not in path.events)
+    mean = _mean_weights(scene, glass, view, paths)
+    memory_of(scene).paths[glass.name] = (stamp, paths, mean)
+    return paths, mean
+
+
+def _mean_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
+    """Mean weights (P,) of paths over the glass's pixels."""
     x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
     finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
     size = tuple(max(1, round(n * finer)) for n in view.size)
     coarse = replace(view, size=size, window=(0, 0, *size))
+    fresnel = scene.refractive_glass.surface == "GLASS"
     found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
-    mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
-    kept = tuple(p for p, share in zip(paths, mean, strict=True) if share >= settings.min_weight)
-    memory_of(scene).paths[glass.name] = (stamp, kept)
-    return kept
+    return found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
 
 
 def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pane, Glass]]:
     """The glasses and paths that the own scenes were made for, as they are evaluated now."""
-    events: dict[str, list[str]] = {}
-    for collection in layers.lookup.collection.children:
-        if own(collection, "copies"):
-            name = collection["refractive_glass_name"]
-            events.setdefault(name, []).append(collection["refractive_glass_path"])
+    keys = layers.path_keys()
     panes = []
     for obj in glass_objects(depsgraph.view_layer):
-        if obj.name not in events:
+        if obj.name not in keys:
             continue
         try:
             glass = read_glass(obj, depsgraph)
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
-        paths = tuple(optics.LightPath(e) for e in events[obj.name])
-        panes.append((Pane(obj, paths, ()), glass))
+        paths = tuple(path_of(key) for key in keys[obj.name][0])
+        bare = frozenset(path_of(key) for key in keys[obj.name][1])
+        panes.append((Pane(obj, paths, (), bare=bare), glass))
     return panes

@@ -143,6 +143,7 @@ class PathRays:
 
     def __init__(self, glass: Glass, view: Viewpoint, paths, fresnel: bool) -> None:
         self.glass, self.view, self.paths, self.fresnel = glass, view, paths, fresnel
+        self.complete = np.array([not p.open for p in paths], bool)
         self.refracting = np.array(["R" not in p.events for p in paths], bool)
 
     def weights(self, x: np.ndarray, y: np.ndarray):
@@ -164,7 +165,7 @@ class PathRays:
         """(P, M) weights that sum to one: what other paths bring is shared out among these."""
         if not self.fresnel:
             return weights
-        total = weights.sum(axis=0)
+        total = weights[self.complete].sum(axis=0)
         return weights / np.where(total > 0, total, 1.0)
 
     def transmittance(self, path: optics.LightPath, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -139,6 +139,8 @@ class _Samples:
         description = unbounded(glass.description)
         extent = getattr(glass.description, "extent", None)
         for number, path in enumerate(self._paths):
+            if path.open:
+                continue
             on = np.flatnonzero(taken[number])
             found = optics.trace(description, starts[on], rays[on], path)
             taken[number, on] = found.valid

@@ -34,6 +34,8 @@ SHORT_EDGE_PX = 1.0
 """An edge whose ends appear this near to each other is not split, whatever lies between them."""
 ACROSS_PX = 3.0
 """The same for an edge between whose ends an image slot ends."""
+WATERLINE_PX = 0.2
+"""The same where what goes on behind it is shown by other copies, and must meet them."""
 
 
 MOST_MET = 16
@@ -205,10 +207,16 @@ class EdgeImages:
     """
 
     def __init__(
-        self, points: np.ndarray, edges: np.ndarray, ends: Images, view: Viewpoint
+        self,
+        points: np.ndarray,
+        edges: np.ndarray,
+        ends: Images,
+        view: Viewpoint,
+        across_px: float = ACROSS_PX,
     ) -> None:
         """Of the edges (E, 2) of points (N, 3), whose images are ``ends``, their ends alone."""
         count = len(edges)
+        self._across_px = across_px
         self.edges, self.ends, self.view = edges, ends, view
         self.gap, self.length = np.zeros(count), np.zeros(count)
         self.across = np.zeros(count, bool)
@@ -287,10 +295,10 @@ class EdgeImages:
         """(E,) which of these edges miss by more than ``aim`` pixels and are long enough."""
         return near & (self.length > np.where(self.across, *self._least(aim))) & (self.gap > aim)
 
-    @staticmethod
-    def _least(aim: float) -> tuple[float, float]:
+    def _least(self, aim: float) -> tuple[float, float]:
         """Pixels that an edge has to be long to be split: where a slot ends in it, elsewhere."""
-        return max(ACROSS_PX, 4 * aim), max(SHORT_EDGE_PX, aim)
+        least = max(self._across_px, 4 * aim) if self._across_px >= ACROSS_PX else self._across_px
+        return least, max(SHORT_EDGE_PX, aim)
 
     def _widen(self, which, places: np.ndarray, counts: np.ndarray) -> None:
         box = self.box[which]
@@ -341,6 +349,7 @@ def refine(
     rect: tuple[int, int, int, int],
     tolerance_px: float,
     importance: float = 1.0,
+    across_px: float = ACROSS_PX,
 ) -> Refined:
     """Split triangles until no edge's image in ``rect`` misses the true one by more than tolerated.
 
@@ -349,6 +358,7 @@ def refine(
     Parameters
     ----------
     importance : the path's part of the light; of the vertices that may be made it gets this part.
+    across_px : edges between whose ends an image slot ends are split until they are this short.
     """
     most, fine = importance * MAX_VERTICES, importance * FINE_VERTICES
     ends = solve(triangles.points)
@@ -360,7 +370,7 @@ def refine(
         aim = tolerance_px / INTERIOR
         if len(triangles.points) < fine:
             aim *= FINE_SHARE
-        found = EdgeImages(triangles.points, edges, ends, view)
+        found = EdgeImages(triangles.points, edges, ends, view, across_px)
         near = found.near(triangle_edges, rect)
         doubtful = found.doubtful(near, aim, may_hide_more(ends))
         asked = np.nonzero(doubtful)[0]

@@ -21,6 +21,7 @@ import bpy
 import numpy as np
 
 from .. import optics
+from ..optics.axial import AxialGlass
 from .appearance import Search, Solver, Source
 from .bake_playback import bake_problems, is_held
 from .changes import generation
@@ -33,7 +34,7 @@ from .compositing import (
     write_weights,
 )
 from .copies import write_copy, write_true_mesh
-from .environment import is_uniform, surroundings, write_screen
+from .environment import is_uniform, shows_objects, surroundings, write_screen
 from .glasses import Glass, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
 from .layers import (
@@ -50,7 +51,8 @@ from .memory import Memory, Status, Step, counters, forget, memory_of, status
 from .modifier_inputs import write_input
 from .motion_blur import frame_time, keep_moment
 from .names import RefractiveGlassError
-from .panes import kept_paths, standing_panes
+from .panes import bare_paths, kept_paths, open_paths, standing_panes
+from .path_keys import path_key
 from .regions import Regions, path_regions, picture_rect
 from .screen import build_screen
 from .sources import (
@@ -152,7 +154,13 @@ def prepare(
             continue
         seen = tuple(seen_through(obj, sources))
         contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
-        panes.append(Pane(obj, paths, seen, contents))
+        bare: frozenset = frozenset()
+        if isinstance(glass.description, AxialGlass):
+            if contents:
+                paths += open_paths(scene, glass, view)
+            if shows_objects(surroundings(scene, effective_shading(scene))):
+                bare = bare_paths(scene, glass, view)
+        panes.append(Pane(obj, paths, seen, contents, bare))
     if not panes:
         raise RefractiveGlassError(" ".join(problems))
     if not any(pane.sources for pane in panes) and is_uniform(scene.world):
@@ -298,7 +306,7 @@ def updating(
     shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
     memory.status = Status(
         vertices=sum(shape.vertices for shape in shapes),
-        paths=tuple(dict.fromkeys(p.events for pane, _ in panes for p in pane.paths)),
+        paths=tuple(dict.fromkeys(path_key(p) for pane, _ in panes for p in pane.paths)),
         milliseconds=1e3 * (time.perf_counter() - started),
         bound_px=max((shape.bound_px for shape in shapes), default=0.0),
         problems=problems or memory.status.problems,
@@ -391,12 +399,11 @@ class _Task:
         rect = self.regions.rect
         outer = (self.glass.stamp(), self.view.stamp(), tolerance, rect, looked_up)
         search = None
-        for (name, events, uid), copy in copies.items():
-            if (name, events) != (self.pane.glass.name, self.path.events):
+        for key, copy in copies.items():
+            if key[:2] != (self.pane.glass.name, path_key(self.path)):
                 continue
-            key = (name, events, uid)
             original = source_of(copy)
-            yield f"{original.name} along {events}"
+            yield f"{original.name} along {self.path}"
             with pieces(original, self.depsgraph) as parts:
                 extra = coordinates(parts, dressed_coordinates(copy))
                 source = Source(parts, is_carried(original), extra)
@@ -416,7 +423,7 @@ class _Task:
 
     def _solver(self) -> Solver:
         settings = self.scene.refractive_glass
-        return Solver(self.glass, self.path, self.view, 0.1 * settings.tolerance_px)
+        return Solver(self.glass, self.path, self.view, 0.1 * settings.tolerance_px, last=True)
 
     def _probe(self) -> Probe:
         """The path's rays; they stay while glass and eye do."""

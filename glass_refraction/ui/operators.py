@@ -24,7 +24,11 @@ SHAPES = (
     ("CYLINDER", "Cylinder", "A hollow cylinder, empty or filled"),
     ("ROD", "Rod", "A solid cylinder"),
     ("SPHERE", "Sphere", "A hollow ball, or a solid one with wall thickness 0"),
+    ("TUMBLER", "Tumbler", "A drinking glass with a bottom, filled up to a level"),
 )
+
+HIGH = {"CYLINDER", "ROD", "TUMBLER"}
+"""Shapes that have a height."""
 
 MIN_LENGTH, MAX_LENGTH = 1e-6, 1e6
 """Metres. Beyond, Blender's own float32 meshes lose their shape."""
@@ -62,9 +66,27 @@ class GlassProperties:
     )
     height: bpy.props.FloatProperty(
         name="Height",
-        description="Of a cylinder or rod",
+        description="Of a cylinder, rod or tumbler",
         default=0.12,
         soft_min=0.001,
+        subtype="DISTANCE",
+        unit="LENGTH",
+        precision=4,
+    )
+    bottom_thickness: bpy.props.FloatProperty(
+        name="Bottom Thickness",
+        description="Of a tumbler's bottom",
+        default=0.006,
+        soft_min=0.0,
+        subtype="DISTANCE",
+        unit="LENGTH",
+        precision=4,
+    )
+    liquid_level: bpy.props.FloatProperty(
+        name="Liquid Level",
+        description="Height of the liquid above a tumbler's inner bottom; 0: empty",
+        default=0.0,
+        min=0.0,
         subtype="DISTANCE",
         unit="LENGTH",
         precision=4,
@@ -116,8 +138,10 @@ class GlassProperties:
             lengths["Radius"] = self.radius
         if self.shape != "ROD":
             lengths["Wall thickness"] = self.wall_thickness
-        if self.shape in {"CYLINDER", "ROD"}:
+        if self.shape in HIGH:
             lengths["Height"] = self.height
+        if self.shape == "TUMBLER":
+            lengths["Bottom thickness"] = self.bottom_thickness
         for name, value in lengths.items():
             solid = self.shape == "SPHERE" and name == "Wall thickness" and value == 0
             if not (MIN_LENGTH <= value <= MAX_LENGTH) and not solid:
@@ -132,9 +156,13 @@ class GlassProperties:
                 return _rpt("{} is {:g}: give a number above 0, up to {:g}").format(
                     _rpt(name), value, MAX_IOR
                 )
-        if self.shape in {"CYLINDER", "SPHERE"} and self.wall_thickness >= self.radius:
+        if self.shape in {"CYLINDER", "SPHERE", "TUMBLER"} and self.wall_thickness >= self.radius:
             return _rpt("Wall thickness {:g} m must be smaller than the radius {:g} m").format(
                 self.wall_thickness, self.radius
+            )
+        if self.shape == "TUMBLER" and self.bottom_thickness >= self.height:
+            return _rpt("Bottom thickness {:g} m must be smaller than the height {:g} m").format(
+                self.bottom_thickness, self.height
             )
         return None
 
@@ -150,6 +178,8 @@ class GlassProperties:
             ("Radius", self.radius),
             ("Wall Thickness", self.wall_thickness),
             ("Height", self.height),
+            ("Bottom Thickness", self.bottom_thickness),
+            ("Liquid Level", self.liquid_level),
             ("IOR", self.ior),
             ("Contents IOR", self.contents_ior),
             ("Material", glass_material(self.ior)),
@@ -167,8 +197,11 @@ class GlassProperties:
             column.prop(self, "radius")
         if self.shape != "ROD":
             column.prop(self, "wall_thickness")
-        if self.shape in {"CYLINDER", "ROD"}:
+        if self.shape in HIGH:
             column.prop(self, "height")
+        if self.shape == "TUMBLER":
+            column.prop(self, "bottom_thickness")
+            column.prop(self, "liquid_level")
         self._draw_medium("medium", "ior", "Medium")
         if self.shape != "ROD":
             label = "Behind" if self.shape == "SLAB" else "Contents"
@@ -273,6 +306,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             ("radius", radius / 2),
             ("height", float(size[2])),
             ("wall_thickness", min(self.wall_thickness, largest / 20)),
+            ("bottom_thickness", min(self.bottom_thickness, float(size[2]) / 10)),
         ):
             # Flat to rounding in that direction: no size to take.
             if value > FLATNESS * largest and not self.properties.is_property_set(name):

@@ -27,8 +27,9 @@ _SIZES = {
     "Cylinder": ("Radius", "Wall Thickness", "Height"),
     "Rod": ("Radius", "Height"),
     "Sphere": ("Radius", "Wall Thickness"),
+    "Tumbler": ("Radius", "Wall Thickness", "Height", "Bottom Thickness", "Liquid Level"),
 }
-_CONTENTS = {"Slab": "Behind", "Cylinder": "Contents", "Sphere": "Contents"}
+_CONTENTS = {"Slab": "Behind", "Cylinder": "Contents", "Sphere": "Contents", "Tumbler": "Liquid"}
 _DISPLAY = ("Segments", "Material")
 _ARRANGED = {
     *(name for names in _SIZES.values() for name in names),

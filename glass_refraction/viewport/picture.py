@@ -23,6 +23,7 @@ from ..scene.copies import seen_vertices, used_slots
 from ..scene.glasses import Glass, glass_objects, read_glass
 from ..scene.hull import faces_eye, first_face
 from ..scene.names import RefractiveGlassError
+from ..scene.path_keys import path_key
 from ..scene.regions import Regions, path_regions, picture_rect
 from ..scene.sources import pieces, seen_through, source_objects
 from ..scene.tessellation import Probe, Triangles, region_probe, view_pixels
@@ -73,7 +74,7 @@ class Pane:
     followed : the paths that carry enough of the light to be found while something moves.
     regions : on a grid of ``step`` pixels. version : grows with every change of the regions.
     hull : (V, 3) world vertices of the face towards the eye, and its triangles (F, 3).
-    shapes : (path events, source's session uid) -> shape.
+    shapes : (path key, source's session uid) -> shape.
     """
 
     glass: Glass
@@ -92,7 +93,7 @@ class Pane:
         """The shapes that can be seen along the path."""
         for key, shape in self.shapes.items():
             is_now = shape.outer[:2] == self.stamp[:2]
-            if key[0] == path.events and is_now and shape.found.images is not None:
+            if key[0] == path_key(path) and is_now and shape.found.images is not None:
                 yield key, shape
 
     def distance(self, view: Viewpoint) -> float:
@@ -251,7 +252,7 @@ class Picture:
 
     def _find_shape(self, depsgraph, pane: Pane, search: Search, obj, exact: bool) -> None:
         """Where a source appears along a path, unless that is known."""
-        key = (search.solver.path.events, obj.session_uid)
+        key = (path_key(search.solver.path), obj.session_uid)
         known = pane.shapes.get(key)
         outer = (*pane.stamp[:2], search.max_gap_px)
         still = known is not None and known.outer[:2] == outer[:2]
