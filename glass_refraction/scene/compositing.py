@@ -252,10 +252,19 @@ def _render_layers(scene: bpy.types.Scene, tree: bpy.types.NodeTree):
     return next((n for n in nodes if n.layer == first), nodes[0] if nodes else None)
 
 
-def _spline_inverse(half: int = 8) -> np.ndarray:
-    """The cubic B-spline's inverse, falling as z^k (Unser, "Splines", 1999, eq. 18)."""
-    z = np.sqrt(3.0) - 2.0
-    return z ** np.abs(np.arange(-half, half + 1))
+def _lookup_inverse(side: int, half: int = 8) -> np.ndarray:
+    """What undoes, at the pixels' centres, the lookup's blur: (2 half + 1,) of a separable kernel.
+
+    A cubic B-spline blurs (Unser, "Splines", 1999), and ``side`` places of it a pixel are averaged.
+    With both undone, what is looked up one to one is as sharp as the direct picture: the engine's
+    filter has acted on it once, and nothing has again.
+    """
+    apart = np.abs(np.arange(-half, half + 1)[:, None] + (np.arange(side) + 0.5) / side - 0.5)
+    inner, outer = 2 / 3 - apart**2 + apart**3 / 2, np.clip(2 - apart, 0, None) ** 3 / 6
+    blur = np.where(apart < 1, inner, outer).mean(axis=1)
+    # Even, so its spectrum is real; and above zero.
+    spectrum = np.fft.fft(np.fft.ifftshift(blur)).real
+    return np.fft.fftshift(np.fft.ifft(1.0 / spectrum).real)
 
 
 class _Group:
@@ -279,9 +288,12 @@ class _Group:
         colour, alpha = self.direct, start.outputs["Alpha"]
         if true_shading:
             self.direct_depth = self._layer(layers.lookup, DEPTH_LAYER).outputs["Image"]
-            # Map UV's bicubic is a B-spline, which blurs; with the picture turned into its
-            # coefficients first it goes through the pixels (Unser 1999).
-            self.direct = self._convolved(self.direct, self._kernel("spline", _spline_inverse()))
+            # Map UV's bicubic is a B-spline, and places of it are averaged: both blur.
+            kernel = self._kernel(f"lookup {subdivision}", _lookup_inverse(subdivision))
+            # Beyond the picture's border the convolution finds nothing.
+            one = self._math("ADD", self._math("MULTIPLY", alpha, 0.0), 1.0)
+            there = self._math("DIVIDE", 1.0, self._convolved(one, kernel))
+            self.direct = self._scaled(self._convolved(self.direct, kernel), there)
         for pane in panes:
             colour, alpha = self._through(pane, colour, alpha)
         end = self._node("NodeGroupOutput")
@@ -404,6 +416,10 @@ class _Group:
     def _map(self, image, where, interpolation: str):
         node = self._node("CompositorNodeMapUV")
         node.inputs["Interpolation"].default_value = interpolation
+        # The spline of a place within the border reaches beyond it; places beyond have no depth.
+        extension = "Extend" if interpolation == "Bicubic" else "Clip"
+        for axis in "XY":
+            node.inputs[f"Extension {axis}"].default_value = extension
         self._link(image, node.inputs["Image"])
         self._link(where, node.inputs["UV"])
         return node.outputs["Image"]
