@@ -258,7 +258,10 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     lamps = {o for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
     _match_linked(_child(layers.displaced, "lights"), lamps)
     shown = {o for o in rendered_objects(scene.view_layers[0]) if glass_modifier(o) is None}
-    _match_linked(_child(layers.around, "shown"), shown if shows_objects(around) else set())
+    shown = shown if shows_objects(around) else set()
+    lamps = {o for o in shown if o.type == "LIGHT"}
+    _match_linked(_child(layers.around, "shown"), shown - lamps)
+    _match_lamps(_child(layers.around, "lamps"), lamps)
     for view_layer in layers.around.view_layers:
         for child in _layer_collections(view_layer):
             screen = child.collection
@@ -319,11 +322,11 @@ def _remove_scene(own_scene: bpy.types.Scene) -> None:
 
 
 def _remove_object(obj: bpy.types.Object, *, keep: bool = False) -> None:
-    mesh = obj.data
+    data = obj.data
     source = source_of(obj) if obj.modifiers else None
     bpy.data.objects.remove(obj)
-    if mesh.users == 0:
-        bpy.data.meshes.remove(mesh)
+    if data.users == 0 and own(data):
+        bpy.data.meshes.remove(data)
     if source is not None and not keep:
         _let_go(source)
 
@@ -393,6 +396,7 @@ def _make_around(
     scene: bpy.types.Scene, around: bpy.types.Scene, panes: list[Pane], mode: str
 ) -> None:
     _new_collection("shown", around)
+    _new_collection("lamps", around)
     names = []
     for pane in panes:
         mesh = bpy.data.meshes.new(hidden_name("screen", pane.glass.name))
@@ -528,6 +532,35 @@ def _match_linked(collection: bpy.types.Collection, wanted: set[bpy.types.Object
         _let_go(obj)
     for obj in wanted - set(collection.objects):
         collection.objects.link(obj)
+
+
+def _match_lamps(collection: bpy.types.Collection, lamps: set[bpy.types.Object]) -> None:
+    """Stand-ins for the lamps, which rays that come from a glass see.
+
+    A portal's rays are the camera's still, and cameras see no lamps unless told to; behind a real
+    glass they are glossy rays, which do.
+    """
+    missing = set(lamps)
+    for obj in list(collection.objects):
+        lamp = obj.constraints[0].target
+        if lamp in missing and obj.data == lamp.data:
+            missing.discard(lamp)
+        else:
+            _remove_object(obj)
+    for lamp in missing:
+        stand_in = lamp.copy()
+        stand_in.name = hidden_name("lamp", lamp.name)
+        stand_in.animation_data_clear()
+        stand_in.constraints.clear()
+        stand_in.modifiers.clear()
+        stand_in.parent = None
+        stand_in[TAG] = "lamp"
+        stand_in.constraints.new("COPY_TRANSFORMS").target = lamp
+        collection.objects.link(stand_in)
+    for obj in collection.objects:
+        lamp = obj.constraints[0].target
+        if obj.visible_camera != lamp.visible_glossy:
+            obj.visible_camera = lamp.visible_glossy
 
 
 def match_settings(

@@ -146,6 +146,58 @@ def test_a_mirrored_thing_behind_the_camera_is_seen_lit_where_it_is(tmp_path):
     np.testing.assert_allclose(found[37, 50, :3], weights.sum(), rtol=0.1)
 
 
+def _area_lamp(scene):
+    """A square lamp behind the camera, a metre wide, that faces the glass; its radiance is 1."""
+    data = bpy.data.lights.new("Lamp", "AREA")
+    data.size, data.energy = 1.0, np.pi
+    lamp = bpy.data.objects.new("Lamp", data)
+    lamp.location, lamp.rotation_euler = (0.0, -1.0, 0.0), (np.pi / 2, 0.0, 0.0)
+    scene.collection.objects.link(lamp)
+    return lamp
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_lamps_of_a_size_are_mirrored_as_bright_as_they_are(tmp_path, seen):
+    scenes.camera(location=(0.0, -0.5, 0.0), tilt=np.pi / 2)
+    scene = scenes.settings(40, 30, samples=64, surface="GLASS", shading="TRUE")
+    _world(scene, (0.0, 0.0, 0.0, 1.0))
+    slab = scenes.glass(shape="SLAB", radius=0.05, wall_thickness=0.004)
+    slab.rotation_euler.x = np.pi / 2
+    lamp = _area_lamp(scene)
+    lamp.visible_glossy = seen
+    _speck()
+    found = scenes.picture(scene, tmp_path)
+    # Both faces of the slab reflect, to and fro between them.
+    face = 0.2**2
+    np.testing.assert_allclose(
+        found[14:16, 19:21, :3].mean(axis=(0, 1)), 2 * face / (1 + face) * seen, rtol=0.05
+    )
+    assert not lamp.visible_camera
+
+
+def test_stand_ins_of_lamps_follow_them_and_go_with_them():
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(surface="GLASS")
+    scenes.glass(shape="CYLINDER")
+    lamp = _area_lamp(scene)
+    bpy.ops.scene.refractive_glass_update()
+    around = find_layers(scene).around
+
+    def stand_ins():
+        return [o for o in around.objects if o.type == "LIGHT"]
+
+    (made,) = stand_ins()
+    assert made != lamp and made.data == lamp.data
+    lamp.location.x = 0.7
+    layer = around.view_layers[0]
+    layer.update()
+    np.testing.assert_allclose(made.evaluated_get(layer.depsgraph).matrix_world[0][3], 0.7)
+    bpy.data.objects.remove(lamp)
+    bpy.ops.scene.refractive_glass_update()
+    assert stand_ins() == []
+
+
 @pytest.mark.parametrize("glass", GLASSES)
 def test_between_the_screens_vertices_rays_are_near_enough(glass):
     scenes.camera()
