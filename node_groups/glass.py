@@ -126,6 +126,14 @@ def _interface(b: TreeBuilder) -> None:
     )
     for medium, of in (("", "the glass"), ("Contents ", "the contents")):
         b.socket(
+            f"{medium}Abbe Number",
+            "Float",
+            default=0.0,
+            minimum=0.0,
+            description=f"How little {of} spreads colours: 64 for crown glass, 30 for flint, 56 "
+            "for water; 0: not at all. Colours take three times as long",
+        )
+        b.socket(
             f"{medium}Absorption Color",
             "Color",
             default=(1.0, 1.0, 1.0, 1.0),

@@ -2,6 +2,7 @@
 """What light does at glass: where points appear, what each pixel sees. Pure NumPy, metres."""
 
 from .apparent import apparent_points
+from .dispersion import LINES, dispersed_ior
 from .glasses import CylinderGlass, FlatGlass, SphereGlass
 from .images import ApparentPoints
 from .interpolation import edge_gaps, edges_to_split, triangle_gaps
@@ -15,6 +16,7 @@ from .tumbler import Tumbler
 from .weights import light_paths, path_weights
 
 __all__ = [
+    "LINES",
     "MEDIA",
     "ApparentPoints",
     "CylinderGlass",
@@ -26,6 +28,7 @@ __all__ = [
     "TracedRays",
     "Tumbler",
     "apparent_points",
+    "dispersed_ior",
     "edge_gaps",
     "edges_to_split",
     "fresnel",

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from .. import optics
 from ..scene.glasses import Glass, read_glasses
 from ..scene.names import TAG, RefractiveGlassError, own
 from .glass_mesh import Surface, glass_surfaces
@@ -72,6 +73,15 @@ def render_reference(
         raise RefractiveGlassError(f'Scene "{scene.name}" has no camera: add one (Add > Camera)')
     if glasses is None:
         glasses = read_glasses(scene_depsgraph(scene))
+    if any(glass.disperses and not glass.band for glass in glasses):
+        return _dispersed(
+            scene,
+            glasses,
+            samples=samples,
+            seed=seed,
+            surface=surface,
+            glass_shadows=glass_shadows,
+        )
     hidden = [scene.objects[glass.name] for glass in glasses if glass.name in scene.objects]
     with _reference_scene(scene) as reference, ExitStack() as temporary:
         for obj in hidden:
@@ -84,6 +94,16 @@ def render_reference(
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
             reference.collection.objects.link(obj)
         return render_picture(reference)
+
+
+def _dispersed(scene: bpy.types.Scene, glasses: Sequence[Glass], **settings) -> np.ndarray:
+    """Red, green and blue each of a picture with the glasses as such light finds them."""
+    pictures = [
+        render_reference(scene, glasses=[glass.in_light(band) for glass in glasses], **settings)
+        for band in optics.LINES
+    ]
+    channels = [picture[..., number] for number, picture in enumerate(pictures)]
+    return np.stack((*channels, np.mean([p[..., 3] for p in pictures], axis=0)), axis=-1)
 
 
 def scene_depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph:

@@ -177,15 +177,26 @@ class Search:
     max_gap_px: float
     importance: float
 
-    def exactly(self, source: Source, before: Appearance | None = None) -> Appearance:
-        """Where the source appears; ``before`` only saves sorting the same edges again."""
+    def exactly(
+        self, source: Source, before: Appearance | None = None, start: Appearance | None = None
+    ) -> Appearance:
+        """Where the source appears.
+
+        Parameters
+        ----------
+        before : what was found before; only saves sorting the same edges again.
+        start : what was found of the same moment in light of another colour; saves steps.
+        """
         points, corners = source.snapshot.world(), source.corners()
         triangles = Triangles.whole(points, corners)
         if before is not None and np.array_equal(corners, before.triangles.corners):
             triangles = before.triangles.moved(points)
         if self._passes_by(points):
             return self._unseen(source, triangles, corners, None)
-        found = self.solver.of_local(self._local(source))
+        guess = None
+        if start is not None and not start.refined and start.topology == source.snapshot.topology:
+            guess = start.found
+        found = self.solver.of_local(self._local(source), guess)
         images = self.solver.in_world(found)
         edges, near = self._edges(triangles, images)
         wrong = edges.wrong(near, self.max_gap_px).any() or not source.carried

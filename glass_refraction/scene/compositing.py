@@ -8,6 +8,8 @@ projects; where the direct picture does not show that place, the copy as shaded 
 
 from __future__ import annotations
 
+from itertools import groupby
+
 import bpy
 import numpy as np
 
@@ -208,7 +210,7 @@ def write_kernels() -> None:
 
 
 def _weight_name(scene: bpy.types.Scene, pane: Pane, number: int) -> str:
-    return hidden_name("weights", scene.name, pane.glass.name, str(number))
+    return hidden_name("weights", scene.name, pane.key, str(number))
 
 
 def _find_image(name: str, role: str) -> bpy.types.Image | None:
@@ -294,13 +296,35 @@ class _Group:
             one = self._math("ADD", self._math("MULTIPLY", alpha, 0.0), 1.0)
             there = self._math("DIVIDE", 1.0, self._convolved(one, kernel))
             self.direct = self._scaled(self._convolved(self.direct, kernel), there)
-        for pane in panes:
-            colour, alpha = self._through(pane, colour, alpha)
+        for _, bands in groupby(panes, key=lambda pane: pane.glass):
+            colour, alpha = self._through(list(bands), colour, alpha)
         end = self._node("NodeGroupOutput")
         self._link(self._with_alpha(colour, alpha), end.inputs["Image"])
 
-    def _through(self, pane: Pane, colour, alpha):
-        """The picture with one more glass in it."""
+    def _through(self, bands: list[Pane], colour, alpha):
+        """The picture with one more glass in it; ``bands``: it in light of each colour."""
+        one = len(bands) == 1
+        seen_colour, seen_alpha = self._seen(bands[0]) if one else self._joined(bands)
+        cover = self._mask(bands[0])
+        beside = self._math("SUBTRACT", 1.0, cover)
+        colour = self._vector("ADD", self._scaled(colour, beside), self._scaled(seen_colour, cover))
+        alpha = self._math(
+            "ADD", self._math("MULTIPLY", alpha, beside), self._math("MULTIPLY", seen_alpha, cover)
+        )
+        return colour, alpha
+
+    def _joined(self, bands: list[Pane]):
+        """Red of what red light shows, and so on; alpha is their mean."""
+        colour, alpha = (0.0, 0.0, 0.0), 0.0
+        for channel, pane in enumerate(bands):
+            seen, seen_alpha = self._seen(pane)
+            part = self._vector("MULTIPLY", seen, tuple(float(k == channel) for k in range(3)))
+            colour = self._vector("ADD", colour, part)
+            alpha = self._math("ADD", alpha, self._math("DIVIDE", seen_alpha, float(len(bands))))
+        return colour, alpha
+
+    def _seen(self, pane: Pane):
+        """Colour and alpha of what is seen through a glass."""
         # What no path brings is dark, not transparent: alpha lacks only what passes the scene.
         seen_colour, passing = (0.0, 0.0, 0.0), 0.0
         uncovered: dict[optics.LightPath, bpy.types.NodeSocket] = {}
@@ -341,14 +365,7 @@ class _Group:
                 continue
             through = self._math("MULTIPLY", self._math("SUBTRACT", 1.0, path_alpha), weight)
             passing = self._math("ADD", passing, alpha_behind(path, through))
-        seen_alpha = self._math("SUBTRACT", 1.0, passing)
-        cover = self._mask(pane)
-        beside = self._math("SUBTRACT", 1.0, cover)
-        colour = self._vector("ADD", self._scaled(colour, beside), self._scaled(seen_colour, cover))
-        alpha = self._math(
-            "ADD", self._math("MULTIPLY", alpha, beside), self._math("MULTIPLY", seen_alpha, cover)
-        )
-        return colour, alpha
+        return seen_colour, self._math("SUBTRACT", 1.0, passing)
 
     def _mask(self, pane: Pane):
         """How much of each pixel shows the glass: its outline, less what stands before it."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -39,19 +39,65 @@ class Glass:
     to_world : (4, 4) float64, rigid: from the description's frame to the world.
     absorption : one (red, green, blue) for each of the description's media: absorption
         coefficients a, per metre; exp(-a length) of the light remains (Beer and Lambert).
+    abbe : Abbe numbers of the glass and of its contents; 0: no dispersion.
+    band : "red", "green" or "blue" if this is the glass as such light finds it; else empty.
     """
 
     name: str
     description: optics.FlatGlass | optics.CylinderGlass | optics.SphereGlass | AxialGlass
     to_world: np.ndarray
     absorption: tuple[tuple[float, float, float], ...] = ()
+    abbe: tuple[float, float] = (0.0, 0.0)
+    band: str = ""
 
     def __post_init__(self) -> None:
         self.to_world.flags.writeable = False
 
     def stamp(self) -> tuple:
         """What the optics depend on; equal stamps give equal pictures."""
-        return (self.name, self.description, self.to_world.tobytes(), self.absorption)
+        return (self.key, self.description, self.to_world.tobytes(), self.absorption)
+
+    @property
+    def key(self) -> str:
+        """The glass's name, and that of the light it is computed for."""
+        return banded_key(self.name, self.band)
+
+    @property
+    def disperses(self) -> bool:
+        """Whether red, green and blue light go different ways."""
+        return any(self.abbe)
+
+    def bands(self) -> tuple[Glass, ...]:
+        """The glass as red, green and blue light find it; without dispersion itself alone."""
+        if not self.disperses or self.band:
+            return (self,)
+        return tuple(self.in_light(band) for band in optics.LINES)
+
+    def in_light(self, band: str) -> Glass:
+        """The glass as red, green or blue light finds it.
+
+        Raises
+        ------
+        ValueError
+            The Abbe number is too small.
+        """
+        wavelength, description = optics.LINES[band], self.description
+
+        def ior(medium: float, abbe: float) -> float:
+            return optics.dispersed_ior(medium, abbe, wavelength)
+
+        glass, contents = self.abbe
+        if isinstance(description, optics.FlatGlass):
+            layers = tuple(ior(medium, glass) for medium in description.ior)
+            seen = replace(description, ior=layers, ior_below=ior(description.ior_below, contents))
+        elif isinstance(description, optics.Tumbler):
+            media = ior(description.ior, glass), ior(description.liquid_ior, contents)
+            seen = replace(description, ior=media[0], liquid_ior=media[1])
+        else:
+            first, *others = description.ior
+            media = (ior(first, glass), *(ior(medium, contents) for medium in others))
+            seen = replace(description, ior=media)
+        return replace(self, description=seen, band=band)
 
     def from_world(self) -> np.ndarray:
         """(3, 4) float64: world points into the glass's frame."""
@@ -106,6 +152,11 @@ class Glass:
     def points_to_world(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the glass's frame in the world."""
         return points @ self.to_world[:3, :3].T + self.to_world[:3, 3]
+
+
+def banded_key(name: str, band: str) -> str:
+    """What is made for a glass in light of one colour is known by this."""
+    return f"{name} \u00b7 {band}" if band else name
 
 
 def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
@@ -184,7 +235,16 @@ def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
             description = _coaxial(shape, size, ior, contents)
     except ValueError as error:
         raise RefractiveGlassError(f'Glass "{obj.name}": {error}') from error
-    return Glass(obj.name, description, pose, _absorption(modifier, description, scale))
+    abbe = tuple(
+        float(read_input(modifier, name)) if has_input(modifier, name) else 0.0
+        for name in ("Abbe Number", "Contents Abbe Number")
+    )
+    glass = Glass(obj.name, description, pose, _absorption(modifier, description, scale), abbe)
+    try:
+        glass.bands()
+    except ValueError as error:
+        raise RefractiveGlassError(f'Glass "{obj.name}": {error}') from error
+    return glass
 
 
 def _absorption(modifier, description, scale: float) -> tuple[tuple[float, float, float], ...]:

@@ -32,7 +32,7 @@ from .environment import (
     shows_objects,
     surroundings,
 )
-from .glasses import glass_modifier
+from .glasses import banded_key, glass_modifier
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
 from .path_keys import path_key, short_key
@@ -75,6 +75,13 @@ class Pane:
     """The sources that reach into the glass."""
     bare: frozenset[optics.LightPath] = frozenset()
     """Paths whose last stretch the engine's rays show, without copies."""
+    band: str = ""
+    """The colour of the light, where the glass disperses it."""
+
+    @property
+    def key(self) -> str:
+        """As the glass's, :func:`glasses.banded_key`."""
+        return banded_key(self.glass.name, self.band)
 
     def carried(self, path: optics.LightPath, around: str) -> tuple[bpy.types.Object, ...]:
         """The sources of which displaced copies are shown along the path.
@@ -91,7 +98,7 @@ class Pane:
 
     def layer(self, path: optics.LightPath) -> str:
         """Name of the view layer of one path, in both scenes."""
-        return f"{self.glass.name} {short_key(path)}"
+        return f"{self.key} {short_key(path)}"
 
     def before(self, path: optics.LightPath) -> tuple[optics.LightPath, ...]:
         """The open paths that the path begins with: what they show stands before it."""
@@ -109,7 +116,7 @@ class Pane:
             if not path.open and not self.carried(path, around):
                 groups.setdefault(self.before(path), []).append(number)
         named = enumerate(groups.values())
-        return {f"{self.glass.name} mirrored{n or ''}": tuple(group) for n, group in named}
+        return {f"{self.key} mirrored{n or ''}": tuple(group) for n, group in named}
 
     def ray_layers(self, around: str) -> dict[str, tuple[int, ...]]:
         """View layers of what rays look up, and the numbers of the paths that each shows."""
@@ -242,10 +249,7 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     made anew (node trees must then follow).
     """
     key = repr(
-        [
-            (p.glass.name, [path_key(q) for q in p.paths], len(p.drawn), p.ray_layers(around))
-            for p in panes
-        ]
+        [(p.key, [path_key(q) for q in p.paths], len(p.drawn), p.ray_layers(around)) for p in panes]
     )
     layers = find_layers(scene)
     anew = layers is None or layers.lookup.get(_KEY) != key
@@ -355,19 +359,19 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], arou
     hulls = {}
     for pane in panes:
         hull = _new_collection("hull", layers.mask)
-        hull[_GLASS] = pane.glass.name
+        hull[_GLASS] = pane.key
         hull[_PATHS] = "\n".join(path_key(path) for path in pane.paths)
-        mesh = bpy.data.meshes.new(hidden_name("hull", pane.glass.name))
+        mesh = bpy.data.meshes.new(hidden_name("hull", pane.key))
         mesh.materials.append(mask_material())
         _new_object("hull", mesh, hull)
-        hulls[pane.glass.name] = hull
+        hulls[pane.key] = hull
         for path in pane.drawn:
             made = _new_collection("copies", lookup, displaced)
-            made[_GLASS], made[_PATH] = pane.glass.name, path_key(path)
+            made[_GLASS], made[_PATH] = pane.key, path_key(path)
             made[_LAYER] = pane.layer(path)
             copies[pane.layer(path)] = made
             held = _new_collection("held", displaced)
-            held[_GLASS], held[_PATH] = pane.glass.name, path_key(path)
+            held[_GLASS], held[_PATH] = pane.key, path_key(path)
             held[_LAYER] = pane.layer(path)
 
     _make_around(scene, layers.around, panes, around)
@@ -377,11 +381,11 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], arou
     _show_only(first, occluders)
     names = [pane.layer(path) for pane in panes for path in pane.drawn]
     _name_layers(displaced, names)
-    for number, pane in enumerate(panes):
-        mask = layers.mask.view_layers[0] if number == 0 else None
-        mask = mask or layers.mask.view_layers.new(pane.mask_layer)
-        mask.name = pane.mask_layer
-        _show_only(mask, hulls[pane.glass.name], occluders)
+    _name_layers(layers.mask, list(dict.fromkeys(pane.mask_layer for pane in panes)))
+    for pane in panes:
+        # Light of all colours has the same outline: the last one's hull serves.
+        mask = layers.mask.view_layers[pane.mask_layer]
+        _show_only(mask, hulls[pane.key], occluders)
         for child in _layer_collections(mask):
             child.holdout = child.collection == occluders
         for path in pane.drawn:
@@ -399,13 +403,13 @@ def _make_around(
     _new_collection("lamps", around)
     names = []
     for pane in panes:
-        mesh = bpy.data.meshes.new(hidden_name("screen", pane.glass.name))
+        mesh = bpy.data.meshes.new(hidden_name("screen", pane.key))
         mesh[TAG] = "screen"
         mesh.materials.append(None)
         for name, numbers in pane.ray_layers(mode).items():
             names.append(name)
             screen = _new_collection("screen", around)
-            screen[_GLASS], screen[_LAYER] = pane.glass.name, name
+            screen[_GLASS], screen[_LAYER] = pane.key, name
             screen[_MIRRORED] = name in pane.mirror_layers(mode)
             obj = _new_object("screen", mesh, screen, name)
             for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
@@ -466,7 +470,7 @@ def _new_object(role: str, mesh: bpy.types.Mesh, collection, *parts: str) -> bpy
 def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
     """One copy a glass, path and source, and one occluder a source; the others go."""
     wanted = {
-        (pane.glass.name, path_key(path), source.session_uid): source
+        (pane.key, path_key(path), source.session_uid): source
         for pane in panes
         for path in pane.drawn
         for source in pane.carried(path, around)
@@ -501,7 +505,7 @@ def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
 def _match_held(layers: Layers, panes: list[Pane]) -> None:
     """Copies of what a glass holds are in a collection of their own as well."""
     held = {
-        (pane.glass.name, path_key(path)): {source.session_uid for source in pane.contents}
+        (pane.key, path_key(path)): {source.session_uid for source in pane.contents}
         for pane in panes
         for path in pane.drawn
     }

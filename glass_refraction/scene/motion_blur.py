@@ -54,7 +54,7 @@ def keep_moment(scene, memory: Memory, layers: Layers, view: Viewpoint, depsgrap
         for path in pane.paths:
             solver = Solver(glass, path, view, 0.1 * scene.refractive_glass.tolerance_px, last=True)
             for key, copy in copies.items():
-                if key[:2] != (glass.name, path_key(path)) or key not in memory.copies:
+                if key[:2] != (glass.key, path_key(path)) or key not in memory.copies:
                     continue
                 shape = memory.copies[key][2]
                 original = source_of(copy)

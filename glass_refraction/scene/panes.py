@@ -99,7 +99,7 @@ def _listed(scene, glass: Glass, view: Viewpoint):
     settings = scene.refractive_glass
     fresnel = settings.surface == "GLASS"
     stamp = (glass.stamp(), view.stamp(), settings.min_weight, fresnel)
-    known = memory_of(scene).paths.get(glass.name)
+    known = memory_of(scene).paths.get(glass.key)
     if known is not None and known[0] == stamp:
         return known[1:]
     first_face(glass, view.eye_for(glass))
@@ -109,7 +109,7 @@ def _listed(scene, glass: Glass, view: Viewpoint):
     if not fresnel:
         paths = tuple(path for path in paths if "R" not in path.events)
     mean = _mean_weights(scene, glass, view, paths)
-    memory_of(scene).paths[glass.name] = (stamp, paths, mean)
+    memory_of(scene).paths[glass.key] = (stamp, paths, mean)
     return paths, mean
 
 
@@ -129,14 +129,14 @@ def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pan
     keys = layers.path_keys()
     panes = []
     for obj in glass_objects(depsgraph.view_layer):
-        if obj.name not in keys:
-            continue
         try:
             glass = read_glass(obj, depsgraph)
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
-        paths = tuple(path_of(key) for key in keys[obj.name][0])
-        bare = frozenset(path_of(key) for key in keys[obj.name][1])
-        panes.append((Pane(obj, paths, (), bare=bare), glass))
+        for banded in glass.bands():
+            if banded.key in keys:
+                paths, bare = (tuple(map(path_of, some)) for some in keys[banded.key])
+                pane = Pane(obj, paths, (), bare=frozenset(bare), band=banded.band)
+                panes.append((pane, banded))
     return panes

@@ -22,7 +22,7 @@ import numpy as np
 
 from .. import optics
 from ..optics.axial import AxialGlass
-from .appearance import Search, Solver, Source
+from .appearance import Appearance, Search, Solver, Source
 from .bake_playback import bake_problems, is_held
 from .changes import generation
 from .compositing import (
@@ -35,7 +35,7 @@ from .compositing import (
 )
 from .copies import write_copy, write_true_mesh
 from .environment import is_uniform, shows_objects, surroundings, write_screen
-from .glasses import Glass, glass_modifier, glass_objects, read_glass
+from .glasses import Glass, banded_key, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
 from .layers import (
     Layers,
@@ -148,19 +148,20 @@ def prepare(
     for obj in glasses:
         try:
             glass = read_glass(obj, depsgraph)
-            paths = kept_paths(scene, glass, view)
+            kept = [(banded, kept_paths(scene, banded, view)) for banded in glass.bands()]
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
         seen = tuple(seen_through(obj, sources))
         contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
-        bare: frozenset = frozenset()
-        if isinstance(glass.description, AxialGlass):
-            if contents:
-                paths += open_paths(scene, glass, view)
-            if shows_objects(surroundings(scene, effective_shading(scene))):
-                bare = bare_paths(scene, glass, view)
-        panes.append(Pane(obj, paths, seen, contents, bare))
+        for banded, paths in kept:
+            bare: frozenset = frozenset()
+            if isinstance(glass.description, AxialGlass):
+                if contents:
+                    paths += open_paths(scene, banded, view)
+                if shows_objects(surroundings(scene, effective_shading(scene))):
+                    bare = bare_paths(scene, banded, view)
+            panes.append(Pane(obj, paths, seen, contents, bare, banded.band))
     if not panes:
         raise RefractiveGlassError(" ".join(problems))
     if not any(pane.sources for pane in panes) and is_uniform(scene.world):
@@ -347,19 +348,19 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
     fresnel = scene.refractive_glass.surface == "GLASS"
     around = surroundings(scene, effective_shading(scene))
     stamp = (glass.stamp(), view.stamp(), pane.paths, fresnel, around)
-    known = memory.regions.get(pane.glass.name)
+    known = memory.regions.get(pane.key)
     if known is not None and known[0] == stamp:
         return known[1]
     regions = path_regions(glass, view, pane.paths, fresnel=fresnel)
     counters["masks"] += 1
     counters["mask_pixels"] += regions.hit.size
     write_weights(scene, pane, glass, regions, view)
-    _write_hull(layers.hull(pane.glass.name), glass, view)
+    _write_hull(layers.hull(pane.key), glass, view)
     if around:
         screen = build_screen(glass, view, regions, fresnel=fresnel)
         depth = NEAREST * scene.camera.data.clip_start
-        write_screen(layers.screen(pane.glass.name), view, screen, depth)
-    memory.regions[pane.glass.name] = (stamp, regions)
+        write_screen(layers.screen(pane.key), view, screen, depth)
+    memory.regions[pane.key] = (stamp, regions)
     return regions
 
 
@@ -400,7 +401,7 @@ class _Task:
         outer = (self.glass.stamp(), self.view.stamp(), tolerance, rect, looked_up)
         search = None
         for key, copy in copies.items():
-            if key[:2] != (self.pane.glass.name, path_key(self.path)):
+            if key[:2] != (self.pane.key, path_key(self.path)):
                 continue
             original = source_of(copy)
             yield f"{original.name} along {self.path}"
@@ -413,13 +414,24 @@ class _Task:
                     search = search or Search(
                         self._solver(), self._probe(), rect, tolerance, importance
                     )
-                    find = search.exactly if self.exact else search.live
-                    shape = find(source, before)
+                    if self.exact:
+                        shape = search.exactly(source, before, self._of_last_band(key))
+                    else:
+                        shape = search.live(source, before)
                     write_copy(copy, source, shape, self.view, looked_up=looked_up, before=before)
                     counters["solves"] += 1
                     counters["copies"] += 1
                     self.memory.copies[key] = (outer, source, shape)
                 source.close()
+
+    def _of_last_band(self, key: tuple[str, str, int]) -> Appearance | None:
+        """Where the same appears in light of the last colour, a start for this one."""
+        bands = list(optics.LINES)
+        if self.glass.band not in bands[1:]:
+            return None
+        last = bands[bands.index(self.glass.band) - 1]
+        known = self.memory.copies.get((banded_key(self.glass.name, last), *key[1:]))
+        return None if known is None else known[2]
 
     def _solver(self) -> Solver:
         settings = self.scene.refractive_glass
@@ -428,10 +440,10 @@ class _Task:
     def _probe(self) -> Probe:
         """The path's rays; they stay while glass and eye do."""
         stamp = (self.glass.stamp(), self.view.stamp(), self.regions.rect)
-        known = self.memory.probes.get((self.pane.glass.name, self.path))
+        known = self.memory.probes.get((self.pane.key, self.path))
         if known is None or known[0] != stamp:
             found = region_probe(self.glass, self.view, self.path, self.regions.rect)
-            known = self.memory.probes[self.pane.glass.name, self.path] = (stamp, found)
+            known = self.memory.probes[self.pane.key, self.path] = (stamp, found)
         return known[1]
 
 
