@@ -18,6 +18,7 @@ Nothing is added to the user's own view layers or collections.
 
 from __future__ import annotations
 
+import math
 import uuid
 from dataclasses import dataclass
 
@@ -33,6 +34,7 @@ from .environment import (
     surroundings,
 )
 from .glasses import banded_key, glass_modifier
+from .memory import counters
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
 from .path_keys import path_key, short_key
@@ -582,30 +584,27 @@ def match_settings(
     """
     size = render_size(scene)
     around = surroundings(scene, "TRUE" if true_shading else "DISPLACED")
-    for own_scene in layers.all():
-        for group in ("render", "cycles", "eevee", "display"):
-            lit = own_scene in (layers.displaced, layers.around)
-            if hasattr(scene, group) and (lit or group == "render"):
-                _copy_properties(getattr(scene, group), getattr(own_scene, group))
-        own_scene.camera = scene.camera
-        own_scene.frame_current = scene.frame_current
-        render = own_scene.render
-        render.use_compositing = False
-        if not scene.render.use_border:
-            render.use_border, render.use_crop_to_border = True, False
-            render.border_min_x, render.border_max_x = rect[0] / size[0], rect[2] / size[0]
-            render.border_min_y, render.border_max_y = rect[1] / size[1], rect[3] / size[1]
-    layers.displaced.world = layers.around.world = scene.world
+    picture: dict[str, object] = {"use_compositing": False}
+    if not scene.render.use_border:
+        picture |= {"use_border": True, "use_crop_to_border": False}
+        for place, name in enumerate(("min_x", "min_y", "max_x", "max_y")):
+            picture[f"border_{name}"] = rect[place] / size[place % 2]
+    displaced: tuple[dict, dict] = {}, {}
     if around:
         # What the copies leave uncovered comes from the scene around.
-        layers.displaced.render.film_transparent = True
-    _match_around(scene, layers.around, around)
-    _emission_only(layers.lookup, samples=1, filter_width=0.01)
-    _emission_only(layers.mask, samples=MASK_SAMPLES, filter_width=FILTER_WIDTH)
-    _draw_all_or_held(layers.displaced, shows_objects(around) and true_shading)
+        displaced[0]["film_transparent"] = True
     if true_shading:
         # Only slivers of what the glass holds come from here.
-        layers.displaced.cycles.samples = max(1, scene.cycles.samples // FALLBACK_SHARE)
+        displaced[1]["samples"] = max(1, scene.cycles.samples // FALLBACK_SHARE)
+    _match(scene, layers.displaced, picture, *displaced, lit=True)
+    _match(scene, layers.around, picture, *_around_settings(scene), lit=True)
+    for own_scene, samples, width in (
+        (layers.lookup, 1, 0.01),
+        (layers.mask, MASK_SAMPLES, FILTER_WIDTH),
+    ):
+        _match(scene, own_scene, picture, *_emission_settings(samples, width), lit=False)
+    _match_samples(scene, layers.around, around)
+    _draw_all_or_held(layers.displaced, shows_objects(around) and true_shading)
     for own_scene, used in (
         (layers.lookup, true_shading),
         (layers.displaced, True),
@@ -636,66 +635,107 @@ def _is_empty(layer: bpy.types.ViewLayer) -> bool:
     return bool(copies) and not any(c.objects for c in copies)
 
 
-def _match_around(scene: bpy.types.Scene, around: bpy.types.Scene, mode: str) -> None:
-    """Cycles; few samples where the copies leave little to show."""
-    around.render.engine = "CYCLES"
-    around.render.use_motion_blur = False
-    cycles = around.cycles
-    samples = scene.cycles.samples
+def _match(
+    scene: bpy.types.Scene,
+    own_scene: bpy.types.Scene,
+    picture: dict[str, object],
+    render: dict[str, object],
+    cycles: dict[str, object],
+    *,
+    lit: bool,
+) -> None:
+    """Give an own scene the user's settings, but for those that are named.
+
+    Only what differs is written: a write in a render's thread has all open views told, and a
+    3D view with its own engine then crashes Blender 5.2, for want of a graphics context there.
+    """
+    _copy_properties(scene.render, own_scene.render, picture | render)
+    if lit:
+        _copy_properties(scene.cycles, own_scene.cycles, cycles)
+        for group in ("eevee", "display"):
+            _copy_properties(getattr(scene, group), getattr(own_scene, group), {})
+    else:
+        for name, value in cycles.items():
+            _write(own_scene.cycles, name, value)
+    _write(own_scene, "camera", scene.camera)
+    _write(own_scene, "frame_current", scene.frame_current)
+    _write(own_scene, "world", scene.world if lit else None)
+
+
+def _around_settings(scene: bpy.types.Scene) -> tuple[dict, dict]:
+    """Render and Cycles settings of the scene around."""
+    cycles = {
+        "samples": scene.cycles.samples,
+        "use_layer_samples": "USE",
+        # The way through the screen counts as a transparent bounce.
+        "transparent_max_bounces": scene.cycles.transparent_max_bounces + 2,
+    }
     if scene.render.engine != "CYCLES":
-        samples = scene.eevee.taa_render_samples
-        cycles.pixel_filter_type = "BLACKMAN_HARRIS"
-        cycles.filter_width = max(scene.render.filter_size, 0.01)
-    cycles.samples = samples
-    cycles.use_layer_samples = "USE"
-    # The way through the screen counts as a transparent bounce.
-    cycles.transparent_max_bounces = scene.cycles.transparent_max_bounces + 2
+        cycles["samples"] = scene.eevee.taa_render_samples
+        cycles["pixel_filter_type"] = "BLACKMAN_HARRIS"
+        cycles["filter_width"] = max(scene.render.filter_size, 0.01)
+    return {"engine": "CYCLES", "use_motion_blur": False}, cycles
+
+
+def _match_samples(scene: bpy.types.Scene, around: bpy.types.Scene, mode: str) -> None:
+    """Few samples where the copies leave little to show."""
+    samples = around.cycles.samples
     mirrors = {c[_LAYER] for c in around.collection.children if own(c, "screen") and c[_MIRRORED]}
     for layer in around.view_layers:
         worth = samples if layer.name in mirrors else samples // FALLBACK_SHARE
         if not shows_objects(mode):
             worth = WORLD_SAMPLES
-        worth = min(samples, max(worth, LEAST_SAMPLES))
-        if layer.samples != worth:
-            layer.samples = worth
+        _write(layer, "samples", min(samples, max(worth, LEAST_SAMPLES)))
 
 
-def _emission_only(own_scene: bpy.types.Scene, samples: int, filter_width: float) -> None:
+def _emission_settings(samples: int, filter_width: float) -> tuple[dict, dict]:
     """Cycles with nothing else in the picture than what the first surface emits."""
-    own_scene.render.engine = "CYCLES"
-    own_scene.render.film_transparent = True
-    own_scene.render.use_motion_blur = False
-    own_scene.world = None
-    cycles = own_scene.cycles
-    cycles.device = "CPU"
-    cycles.samples = samples
-    cycles.use_adaptive_sampling = False
-    cycles.use_denoising = False
-    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
-    cycles.filter_width = filter_width
-    cycles.film_exposure = 1.0
-    cycles.max_bounces = 0
-    cycles.transparent_max_bounces = 0
-    cycles.sample_clamp_direct = 0.0
+    render = {"engine": "CYCLES", "film_transparent": True, "use_motion_blur": False}
+    cycles = {
+        "device": "CPU",
+        "samples": samples,
+        "use_adaptive_sampling": False,
+        "use_denoising": False,
+        "pixel_filter_type": "BLACKMAN_HARRIS",
+        "filter_width": filter_width,
+        "film_exposure": 1.0,
+        "max_bounces": 0,
+        "transparent_max_bounces": 0,
+        "sample_clamp_direct": 0.0,
+    }
+    return render, cycles
 
 
 _WARNING = {"wireframe_color_type"}
 """Of wireframes alone, and Blender warns whenever a scene's is read."""
 
 
-def _copy_properties(source, target) -> None:
-    """Copy the plain settings of one property group to another where they differ."""
+def _copy_properties(source, target, others: dict[str, object]) -> None:
+    """Copy the plain settings of one property group to another; ``others`` have their own value."""
     for prop in source.bl_rna.properties:
         name = prop.identifier
         if prop.type == "POINTER":
             if name in {"shading", "ray_tracing_options"}:
-                _copy_properties(getattr(source, name), getattr(target, name))
+                _copy_properties(getattr(source, name), getattr(target, name), {})
             continue
         if prop.is_readonly or prop.type == "COLLECTION" or name in _WARNING:
             continue
-        value, present = getattr(source, name), getattr(target, name)
-        if getattr(prop, "is_array", False):
-            value, present = tuple(value), tuple(present)
+        value = others[name] if name in others else getattr(source, name)
         # A dynamic enum reads as empty where its present items do not hold the stored one.
-        if value != present and not (prop.type == "ENUM" and value == ""):
-            setattr(target, name, value)
+        if not (prop.type == "ENUM" and value == ""):
+            _write(target, name, value)
+
+
+def _write(target, name: str, value) -> None:
+    """Set a property that has another value."""
+    present = getattr(target, name)
+    if isinstance(value, float):
+        # Blender may keep it in single precision.
+        same = math.isclose(value, present, rel_tol=1e-6, abs_tol=1e-12)
+    elif hasattr(value, "__len__") and not isinstance(value, (str, set)):
+        same = tuple(value) == tuple(present)
+    else:
+        same = value == present
+    if not same:
+        counters["settings"] += 1
+        setattr(target, name, value)

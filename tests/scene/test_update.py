@@ -251,3 +251,18 @@ def test_image_of_a_still_scene_is_the_same_after_reload(tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     second = scenes.picture(bpy.context.scene, tmp_path, "second")
     np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
+def test_own_scenes_settings_are_written_where_they_differ_only(engine):
+    """A write tells all open views; in a render's thread that has crashed Blender."""
+    scene, *_ = _scene(shading="TRUE", surface="GLASS")
+    scene.render.engine = engine
+    scene.render.use_border = False
+    scene.render.resolution_x = 90
+    _update()
+    door.prepare(scene, scenes.depsgraph())
+    assert _counted(lambda: door.prepare(scene, scenes.depsgraph()))["settings"] == 0
+    scene.render.resolution_x = 100
+    assert _counted(lambda: door.prepare(scene, scenes.depsgraph()))["settings"] > 0
+    assert {s.render.resolution_x for s in find_layers(scene).all()} == {100}

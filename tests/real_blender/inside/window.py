@@ -80,6 +80,10 @@ def steps():
     bpy.app.handlers.render_complete.append(lambda *_: ended.append("complete"))
     bpy.app.handlers.render_cancel.append(lambda *_: ended.append("cancelled"))
     with bpy.context.temp_override(**view_3d()):
+        # EEVEE in the view: a render's thread that told it to let go has crashed Blender.
+        bpy.context.space_data.shading.type = "MATERIAL"
+    yield 10
+    with bpy.context.temp_override(**view_3d()):
         bpy.ops.render.render("INVOKE_DEFAULT")
     for _ in range(2 * RENDER_SECONDS):
         yield 0.5
@@ -93,6 +97,8 @@ def steps():
     for window in list(bpy.context.window_manager.windows)[1:]:
         with bpy.context.temp_override(window=window):
             bpy.ops.wm.window_close()
+    with bpy.context.temp_override(**view_3d()):
+        bpy.context.space_data.shading.type = "SOLID"
     yield 1
 
     with bpy.context.temp_override(**view_3d()):
