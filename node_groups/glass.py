@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+from . import shadow
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass"
@@ -67,10 +68,30 @@ def build():
         material.outputs[0],
         _edges(b, menu.outputs["Output"]),
     )
-    out = b.switch("GEOMETRY", shown.outputs[0], _nothing(b), mesh)
+    unshown = b.switch(
+        "GEOMETRY",
+        group.outputs["Casts Shadow"],
+        _nothing(b),
+        shadow.cast(b, menu.outputs["Output"], group, _is_solid(b, menu, wall)),
+    )
+    out = b.switch("GEOMETRY", shown.outputs[0], unshown, mesh)
     end = b.node("NodeGroupOutput")
     b.link(out, end.inputs[0])
     return b.tree
+
+
+def _is_solid(b: TreeBuilder, menu, wall):
+    """Whether light runs through the whole glass from side to side, not through walls."""
+    thin = b.node("FunctionNodeCompare", data_type="FLOAT", operation="LESS_EQUAL")
+    b.link(wall, enabled(thin.inputs, "A"))
+    enabled(thin.inputs, "B").default_value = 0.0
+    ball = b.node("FunctionNodeBooleanMath", operation="AND")
+    b.link(menu.outputs["Sphere"], ball.inputs[0])
+    b.link(thin.outputs[0], ball.inputs[1])
+    either = b.node("FunctionNodeBooleanMath", operation="OR")
+    b.link(menu.outputs["Rod"], either.inputs[0])
+    b.link(ball.outputs[0], either.inputs[1])
+    return either.outputs[0]
 
 
 def _interface(b: TreeBuilder) -> None:
@@ -147,6 +168,13 @@ def _interface(b: TreeBuilder) -> None:
             subtype="DISTANCE",
             description=f"How far light runs through {of} until it has the colour above",
         )
+    b.socket(
+        "Casts Shadow",
+        "Bool",
+        default=False,
+        description="Light on its way through is weakened and tinted; it is not bent, so there are "
+        "no caustics, and contents do not count",
+    )
     b.socket(
         "Seen Through",
         "Collection",

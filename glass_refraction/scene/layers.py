@@ -33,7 +33,7 @@ from .environment import (
     shows_objects,
     surroundings,
 )
-from .glasses import banded_key, glass_modifier
+from .glasses import banded_key, casts_shadow, glass_modifier
 from .memory import counters
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
@@ -263,7 +263,11 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     _match_sources(layers, panes, around)
     lamps = {o for o in scene.objects if o.type == "LIGHT" and not o.hide_render}
     _match_linked(_child(layers.displaced, "lights"), lamps)
-    shown = {o for o in rendered_objects(scene.view_layers[0]) if glass_modifier(o) is None}
+    shown = {
+        o
+        for o in rendered_objects(scene.view_layers[0])
+        if glass_modifier(o) is None or casts_shadow(o)
+    }
     shown = shown if shows_objects(around) else set()
     lamps = {o for o in shown if o.type == "LIGHT"}
     _match_linked(_child(layers.around, "shown"), shown - lamps)
