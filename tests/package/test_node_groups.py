@@ -9,6 +9,8 @@ from node_groups.build import build
 
 def _value(socket):
     value = getattr(socket, "default_value", None)
+    if isinstance(value, bpy.types.ID):
+        return value.name
     return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
 
@@ -18,8 +20,10 @@ def _described(path):
     with bpy.data.libraries.load(str(path)) as (available, wanted):
         wanted.node_groups = list(available.node_groups)
     lines = []
-    for group in sorted(bpy.data.node_groups, key=lambda g: g.name):
-        lines.append(f"{group.name} {group.get('refractive_glass')}")
+    trees = [(m.name, m, m.node_tree) for m in bpy.data.materials]
+    trees += [(group.name, group, group) for group in bpy.data.node_groups]
+    for name, owner, group in sorted(trees, key=lambda tree: tree[0]):
+        lines.append(f"{name} {owner.get('refractive_glass')}")
         for item in group.interface.items_tree:
             lines.append(f"  {item.in_out} {item.name} {item.socket_type} {item.description}")
         for node in group.nodes:
