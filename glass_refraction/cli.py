@@ -11,6 +11,10 @@ import re
 import sys
 from pathlib import Path
 
+LAST_FRAME = 1_048_574
+"""Blender's."""
+MOST_SAMPLES = 16_777_216
+"""Cycles'."""
 FORMATS = {".png": "PNG", ".exr": "OPEN_EXR", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF"}
 
 
@@ -29,14 +33,25 @@ def main(argv: list[str] | None = None) -> int:
 
     try:
         options.run(options)
-    except (_BadInput, RefractiveGlassError, OSError) as error:
-        print(f"refractive_glass: {error}", file=sys.stderr)
-        return 2
-    return 0
+    except (_BadInput, RefractiveGlassError) as error:
+        line = str(error)
+    except OSError as error:
+        line = f"{error.filename}: {error.strerror}; give another place"
+    else:
+        return 0
+    print(f"refractive_glass: {line}", file=sys.stderr)
+    return 2
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong."""
+
+    def error(self, message: str):
+        self.exit(2, f"{self.prog}: {message} (--help lists all arguments)\n")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="refractive_glass", description="Objects seen through glass, computed by Snell's law."
     )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -55,12 +70,12 @@ def _parser() -> argparse.ArgumentParser:
     compare = commands.add_parser("compare", help="render with real glass in Cycles too")
     compare.add_argument("scene", metavar="SCENE.blend", type=Path)
     compare.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
-    compare.add_argument("--samples", type=int, help="of the reference; default: the scene's")
+    compare.add_argument("--samples", type=_samples, help="of the reference; default: the scene's")
     compare.add_argument(
         "--surface", choices=("GLASS", "REFRACTION"), help="of both pictures; default: the scene's"
     )
     compare.add_argument("--shading", choices=("TRUE", "DISPLACED"), help="default: the scene's")
-    compare.add_argument("--frame", type=int, help="default: the file's current frame")
+    compare.add_argument("--frame", type=_frame, help="default: the file's current frame")
     compare.set_defaults(run=_compare)
 
     bake = commands.add_parser("bake", help="make a file that renders without the extension")
@@ -96,11 +111,48 @@ def _frames(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(-?\d+)(?:-(-?\d+))?", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"{text!r} is neither a frame nor FIRST-LAST")
-    first = int(match[1])
-    last = int(match[2]) if match[2] is not None else first
+    first = _frame(match[1])
+    last = _frame(match[2]) if match[2] is not None else first
     if last < first:
         raise argparse.ArgumentTypeError(f"{text!r}: the last frame is before the first")
     return first, last
+
+
+def _frame(text: str) -> int:
+    return _whole_number(text, -LAST_FRAME, LAST_FRAME)
+
+
+def _samples(text: str) -> int:
+    return _whole_number(text, 1, MOST_SAMPLES)
+
+
+def _whole_number(text: str, least: int, most: int) -> int:
+    try:
+        value = int(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from error
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text} must be between {least} and {most}")
+    return value
+
+
+def _folder(path: Path) -> Path:
+    """The folder that an argument names, whether it is there or not."""
+    if path == Path():
+        raise _BadInput(f"{path}: give a folder of its own for what is written")
+    if path.exists() and not path.is_dir():
+        raise _BadInput(f"{path}: a file, where a folder is to be; give another place")
+    return path
+
+
+def _file(path: Path, *endings: str) -> Path:
+    """The whole path of a file to be written."""
+    if path.suffix.lower() not in endings:
+        wanted = endings[0] if len(endings) == 1 else f"one of {', '.join(endings)}"
+        raise _BadInput(f"{path}: the file name must end in {wanted}")
+    if path.is_dir():
+        raise _BadInput(f"{path}: a folder, where a file is to be; give another place")
+    return path.resolve()
 
 
 def _open(path: Path):
@@ -141,9 +193,7 @@ def _prepare(scene) -> None:
 def _render(options: argparse.Namespace) -> None:
     import bpy
 
-    output = options.output.resolve()
-    if output.suffix.lower() not in FORMATS:
-        raise _BadInput(f"{options.output}: the file name must end in one of {', '.join(FORMATS)}")
+    output = _file(options.output, *FORMATS)
     scene = _open(options.scene)
     _prepare(scene)
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -161,9 +211,17 @@ def _render(options: argparse.Namespace) -> None:
         image.file_format = FORMATS[path.suffix.lower()]
         scene.render.use_file_extension = False
         scene.render.filepath = str(path)
-        bpy.ops.render.render(write_still=True, scene=scene.name)
+        try:
+            bpy.ops.render.render(write_still=True, scene=scene.name)
+        except RuntimeError as error:
+            raise _BadInput(f"{path}: {_said(error)}") from error
         if not path.is_file():
             raise _BadInput(f"{path}: the picture could not be written")
+
+
+def _said(error: RuntimeError) -> str:
+    """What an operator of Blender's has reported, as one line."""
+    return " ".join(str(error).split()).removeprefix("Error: ")
 
 
 def _write_regions(scene, path: Path) -> None:
@@ -180,13 +238,16 @@ def _bake(options: argparse.Namespace) -> None:
     from .scene.bake import Baking
     from .scene.bake_files import frame_ranges
 
-    output = options.output.resolve()
-    if output.suffix.lower() != ".blend":
-        raise _BadInput(f"{options.output}: the file name must end in .blend")
+    output = _file(options.output, ".blend")
+    if output == options.scene.resolve():
+        raise _BadInput(f"{options.output}: this is the scene itself; give another file")
     scene = _open(options.scene)
     output.parent.mkdir(parents=True, exist_ok=True)
     # First, for the paths in it are relative to it.
-    bpy.ops.wm.save_as_mainfile(filepath=str(output))
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(output))
+    except RuntimeError as error:
+        raise _BadInput(f"{options.output}: {_said(error)}") from error
     first, last = options.frames or (scene.frame_start, scene.frame_end)
     folder = "" if options.folder is None else str(options.folder.resolve())
     baking = Baking(scene, bpy.context.evaluated_depsgraph_get(), folder, first, last)
@@ -207,8 +268,7 @@ def _bake(options: argparse.Namespace) -> None:
 def _compare(options: argparse.Namespace) -> None:
     from .reference.compare import compare
 
-    if options.samples is not None and options.samples < 1:
-        raise _BadInput(f"--samples {options.samples}: must be at least 1")
+    output = _folder(options.output)
     scene = _open(options.scene)
     if options.frame is not None:
         scene.frame_set(options.frame)
@@ -220,7 +280,7 @@ def _compare(options: argparse.Namespace) -> None:
     def progress(share: float) -> None:
         print(f"compare: {100 * share:3.0f} %", file=sys.stderr)
 
-    found = compare(scene, options.output, samples=options.samples, progress=progress)
+    found = compare(scene, output, samples=options.samples, progress=progress)
     print(
         f"{options.output}: PSNR {found['psnr_db']:.2f} dB, FLIP {found['flip_mean']:.4f}, "
         f"{found['seconds_composite']:.1f} s composited, {found['seconds_reference']:.1f} s Cycles"
@@ -236,8 +296,9 @@ def _benchmark(options: argparse.Namespace) -> None:
     demo = Path(__file__).resolve().parents[1] / "demo_scenes"
     scenes = tuple(options.scenes) or tuple(sorted(demo.glob("*.blend")))
     for path in scenes:
-        if not path.is_file():
-            raise _BadInput(f"{path}: no such file")
+        if not path.is_file() or path.suffix.lower() != ".blend":
+            raise _BadInput(f"{path}: no such .blend file")
+    output = _folder(options.output)
     if options.seed < 0:
         raise _BadInput(f"--seed {options.seed}: must not be negative")
     settings = Settings("quick" if options.quick else "full", options.seed, scenes)
@@ -251,7 +312,7 @@ def _benchmark(options: argparse.Namespace) -> None:
         raise _BadInput(str(error)) from error
     runner.run(
         settings,
-        options.output,
+        output,
         only=parts,
         with_charts=not options.no_plots,
         progress=lambda line: print(f"benchmark: {line}", file=sys.stderr, flush=True),

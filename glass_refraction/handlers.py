@@ -170,7 +170,7 @@ def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     if own(scene):
         return
     if threading.current_thread() is threading.main_thread():
-        door.remove_leftovers()
+        door.free_leftovers()
     else:
         request_update(scene)
 

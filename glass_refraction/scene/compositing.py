@@ -15,6 +15,7 @@ import numpy as np
 
 from .. import optics
 from .arrays import write_image
+from .bake_files import BAKE
 from .glasses import Glass
 from .layers import DEPTH_LAYER, Layers, Pane
 from .names import TAG, hidden_name, own
@@ -126,18 +127,39 @@ def remove_group(scene: bpy.types.Scene) -> None:
     tree = scene.compositing_node_group
     if tree is None:
         return
-    for node in nodes_of(scene):
-        if node[TAG] == "group" and node.inputs["Image"].is_linked:
-            source = node.inputs["Image"].links[0].from_socket
-            for socket in [link.to_socket for link in node.outputs["Image"].links]:
-                tree.links.new(source, socket)
-        tree.nodes.remove(node)
+    _take_out(nodes_of(scene))
     if own(tree, "compositor"):
         if _is_plain(tree):
             scene.compositing_node_group = None
         else:
             del tree[TAG]
             tree.name = "Compositing"
+
+
+def remove_stray_nodes() -> None:
+    """Take the extension's nodes out of trees that no scene shows any more.
+
+    The user may have replaced a tree while they stood in it. Those of a bake stay: nothing could
+    make them again.
+    """
+    shown = {scene.compositing_node_group for scene in bpy.data.scenes}
+    for tree in bpy.data.node_groups:
+        if tree.bl_idname == "CompositorNodeTree" and not (tree in shown or own(tree)):
+            nodes = [n for n in tree.nodes if n.get(TAG)]
+            groups = [n.node_tree for n in nodes if n[TAG] == "group"]
+            if tree.is_editable and not any(g is not None and BAKE in g for g in groups):
+                _take_out(nodes)
+
+
+def _take_out(nodes: list[bpy.types.Node]) -> None:
+    """Remove own nodes; what the group stood between is joined again."""
+    for node in nodes:
+        tree = node.id_data
+        if node[TAG] == "group" and node.inputs["Image"].is_linked:
+            source = node.inputs["Image"].links[0].from_socket
+            for socket in [link.to_socket for link in node.outputs["Image"].links]:
+                tree.links.new(source, socket)
+        tree.nodes.remove(node)
 
 
 def has_group(scene: bpy.types.Scene) -> bool:
@@ -500,27 +522,29 @@ class _Group:
 
     def _scaled(self, colour, factor):
         node = self._node("ShaderNodeVectorMath", operation="SCALE")
-        self._link(colour, node.inputs[0])
-        self._link(factor, node.inputs["Scale"])
+        self._feed(colour, node.inputs[0])
+        self._feed(factor, node.inputs["Scale"])
         return node.outputs[0]
 
     def _vector(self, operation: str, first, second):
         node = self._node("ShaderNodeVectorMath", operation=operation)
         for slot, value in enumerate((first, second)):
-            if isinstance(value, bpy.types.NodeSocket):
-                self._link(value, node.inputs[slot])
-            else:
-                node.inputs[slot].default_value = value
+            self._feed(value, node.inputs[slot])
         return node.outputs[0]
 
     def _math(self, operation: str, first, second=None):
         node = self._node("ShaderNodeMath", operation=operation)
         for slot, value in enumerate((first, second)):
-            if isinstance(value, bpy.types.NodeSocket):
-                self._link(value, node.inputs[slot])
-            elif value is not None:
-                node.inputs[slot].default_value = value
+            if value is not None:
+                self._feed(value, node.inputs[slot])
         return node.outputs[0]
+
+    def _feed(self, value, target) -> None:
+        """Link an output to an input, or set the input to a constant."""
+        if isinstance(value, bpy.types.NodeSocket):
+            self._link(value, target)
+        else:
+            target.default_value = value
 
     def _node(self, idname: str, **properties):
         node = self.tree.nodes.new(idname)

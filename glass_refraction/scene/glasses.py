@@ -26,6 +26,8 @@ _SHALLOW = 1e-5
 # Limits of absorption: the darkest colour and the shortest distance, metres.
 _DARKEST = 1e-6
 _SHORTEST = 1e-6
+# Of a cylinder or rod, metres: rays meet nothing that is lower.
+_LOWEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,8 +286,8 @@ def _coaxial(shape: str, size: dict[str, float], ior: float, contents: float):
     radii, media = ((radius, radius - wall), (ior, contents)) if hollow else ((radius,), (ior,))
     if shape == "Sphere":
         return optics.SphereGlass(radii, media)
-    if not (math.isfinite(size["height"]) and size["height"] > 0):
-        raise ValueError(f"height {size['height']:g} m must be positive")
+    if not (math.isfinite(size["height"]) and size["height"] >= _LOWEST):
+        raise ValueError(f"height {size['height']:g} m must be {_LOWEST:g} m or more")
     return optics.CylinderGlass(radii, media, extent=(0.0, size["height"]))
 
 
@@ -324,8 +326,13 @@ def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:
         The matrix shears, mirrors or scales unevenly.
     """
     linear = matrix[:3, :3]
+    if not np.all(np.isfinite(matrix)):
+        raise RefractiveGlassError(
+            f'Glass "{name}" has a place that is no number: enter its location, rotation and scale '
+            "anew"
+        )
     determinant = np.linalg.det(linear)
-    if not np.all(np.isfinite(matrix)) or determinant == 0:
+    if determinant == 0:
         raise RefractiveGlassError(f'Glass "{name}" has no size: its scale must not be zero')
     scale = float(np.cbrt(determinant))
     rotation = linear / scale

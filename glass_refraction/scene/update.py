@@ -30,6 +30,7 @@ from .compositing import (
     has_group,
     insert_group,
     remove_group,
+    remove_stray_nodes,
     write_kernels,
     write_weights,
 )
@@ -74,11 +75,11 @@ __all__ = [
     "effective_shading",
     "finished",
     "forget",
+    "free_leftovers",
     "kept_paths",
     "memory_of",
     "prepare",
     "remove",
-    "remove_leftovers",
     "status",
     "update",
     "updating",
@@ -123,6 +124,12 @@ def prepare(
             f'Scene "{scene.name}" is linked from a library: make it local (Object > Relations)'
         )
     settings = scene.refractive_glass
+    for name in ("min_weight", "tolerance_px"):
+        if not np.isfinite(getattr(settings, name)):
+            label = settings.bl_rna.properties[name].name
+            raise RefractiveGlassError(
+                f'{label} of scene "{scene.name}" is no number: enter it anew (Render Properties)'
+            )
     view_layer = scene.view_layers[0]
     glasses = glass_objects(view_layer)
     if strict and not glasses:
@@ -191,7 +198,7 @@ def prepare(
     memory_of(scene).still = None
     write_kernels()
     if not rendering:
-        remove_leftovers()
+        free_leftovers()
 
 
 def remove(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
@@ -207,10 +214,16 @@ def remove(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
     remove_layers(scene)
     forget(scene)
     if not rendering:
-        remove_leftovers()
+        free_leftovers()
     for obj in scene.objects:
         if obj.type == "MESH" and obj.is_editable and glass_modifier(obj) is not None:
             _show_mesh(scene, obj, True)
+
+
+def free_leftovers() -> None:
+    """Remove what nothing needs any more, in any scene. Not while a render goes on."""
+    remove_stray_nodes()
+    remove_leftovers()
 
 
 def withdraw(scene: bpy.types.Scene) -> bool:

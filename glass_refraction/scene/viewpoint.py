@@ -155,6 +155,12 @@ def read_viewpoint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Vi
         )
     render = scene.render
     size = render_size(scene)
+    window = render_window(scene)
+    if window[0] >= window[2] or window[1] >= window[3]:
+        raise RefractiveGlassError(
+            f'The picture of scene "{scene.name}" has no pixels: raise its resolution or enlarge '
+            "its render region"
+        )
     projection = np.array(
         evaluated.calc_matrix_camera(
             depsgraph,
@@ -167,13 +173,16 @@ def read_viewpoint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Vi
     )
     # Cameras ignore their scale, as Blender does.
     to_world = np.array(evaluated.matrix_world.normalized(), float)
+    if not (np.isfinite(projection).all() and np.isfinite(to_world).all()):
+        raise RefractiveGlassError(
+            f'Camera "{camera.name}" has a place or a lens that is no number: enter its values anew'
+        )
     u, _, vt = np.linalg.svd(to_world[:3, :3])
     rotation = (u @ vt).T
     eye = to_world[:3, 3].copy()
     to_camera = np.eye(4)
     to_camera[:3, :3] = rotation
     to_camera[:3, 3] = -rotation @ eye
-    window = render_window(scene)
     return Viewpoint(eye, to_camera, projection, size, window, data.type == "ORTHO")
 
 

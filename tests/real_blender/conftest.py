@@ -78,10 +78,10 @@ class Blender:
         """``blender --command ...``; returns the finished process, whatever its status."""
         return self._run(["command", *arguments], seconds)
 
-    def script(self, name, *arguments, how="run", seconds=600):
+    def script(self, name, *arguments, how="run", seconds=600, trouble=TROUBLE):
         """Run a script of the folder ``inside``; returns what it wrote as ``result.json``.
 
-        The script finds a folder for its output as its first argument. Any trace of an error in
+        The script finds a folder for its output as its first argument. Any trace of ``trouble`` in
         what Blender prints fails the test.
         """
         output = Path(tempfile.mkdtemp(prefix=f"{name}_", dir=self.folder))
@@ -90,7 +90,7 @@ class Blender:
             [how, "--python-exit-code", 3, "--python", script, "--", output, *arguments], seconds
         )
         assert found.returncode == 0, found.stdout
-        assert not TROUBLE.search(found.stdout), found.stdout
+        assert not trouble.search(found.stdout), found.stdout
         assert (output / "result.json").is_file(), found.stdout
         result = json.loads((output / "result.json").read_text())
         result["folder"] = output

@@ -1,0 +1,418 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Own data stays apart from the user's: in trees, scenes, lists, files, undo steps; and goes."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+
+import glass_refraction
+from glass_refraction import handlers
+from glass_refraction.scene import layers as own_layers
+from glass_refraction.scene import update as door
+from glass_refraction.scene.glasses import glass_modifier
+from glass_refraction.scene.layers import find_layers, user_scene_of
+from glass_refraction.scene.modifier_inputs import read_input
+from glass_refraction.scene.names import NODE_GROUPS, TAG, RefractiveGlassError, own
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
+import scenes
+
+
+@pytest.fixture
+def scene():
+    scenes.camera()
+    scenes.striped_wall(stripes=4)
+    scenes.glass(shape="SPHERE", radius=0.05, wall_thickness=0.0)
+    return scenes.settings(32, 24, samples=1, surface="REFRACTION", shading="DISPLACED")
+
+
+def _prepare(scene):
+    bpy.context.view_layer.update()
+    handlers._prepare(scene)
+
+
+def _own_blocks(*kinds):
+    kinds = kinds or ("scenes", "collections", "objects", "meshes", "images", "node_groups")
+    return [b.name for kind in kinds for b in getattr(bpy.data, kind) if own(b) and not _glass(b)]
+
+
+def _glass(block):
+    return block[TAG] == "glass"
+
+
+def _shown(glass):
+    return read_input(glass_modifier(glass), "Show in Render")
+
+
+def _users_tree(scene, name="Mine"):
+    tree = bpy.data.node_groups.new(name, "CompositorNodeTree")
+    tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    layers = tree.nodes.new("CompositorNodeRLayers")
+    layers.scene = scene
+    blur = tree.nodes.new("CompositorNodeBlur")
+    end = tree.nodes.new("NodeGroupOutput")
+    tree.links.new(layers.outputs["Image"], blur.inputs["Image"])
+    tree.links.new(blur.outputs["Image"], end.inputs["Image"])
+    scene.compositing_node_group = tree
+    return tree
+
+
+def _links(tree):
+    return sorted(
+        (x.from_node.name, x.from_socket.name, x.to_node.name, x.to_socket.name) for x in tree.links
+    )
+
+
+# ------------------------------------------------------------------------------- compositor trees
+
+
+def test_nodes_in_the_users_tree_are_not_in_the_way(scene):
+    tree = _users_tree(scene)
+    tree.nodes.active = tree.nodes["Blur"]
+    before = _links(tree)
+    _prepare(scene)
+    made = [n for n in tree.nodes if TAG in n]
+    assert made
+    assert not any(n.select for n in made)
+    assert all(n.name.startswith(".") for n in made)
+    assert tree.nodes.active.name == "Blur"
+    # The names that the user's next nodes would get are free.
+    assert tree.nodes.new("CompositorNodeRLayers").name == "Render Layers.001"
+    tree.nodes.remove(tree.nodes["Render Layers.001"])
+    door.remove(scene)
+    assert _links(tree) == before
+
+
+def test_a_tree_without_the_scenes_layers_is_told_and_left_alone(scene):
+    tree = _users_tree(scene, "No Layers")
+    tree.nodes.remove(tree.nodes["Render Layers"])
+    before = _links(tree)
+    with pytest.raises(RefractiveGlassError, match=r"Scene.*Render Layers.*add one"):
+        door.prepare(scene, scenes.depsgraph())
+    assert _links(tree) == before
+    assert _own_blocks() == []
+
+
+def test_scenes_that_share_a_tree_keep_their_own_nodes(scene):
+    tree = _users_tree(scene)
+    other = bpy.data.scenes.new("Other")
+    other.compositing_node_group = tree
+    _prepare(scene)
+    before = _links(tree)
+    door.prepare(other, other.view_layers[0].depsgraph or scenes.depsgraph())
+    door.remove(other)
+    assert _links(tree) == before
+    assert door.has_group(scene)
+    assert not door.has_group(other)
+
+
+@pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
+def test_a_copied_scene_gets_nodes_of_its_own(scene, kind):
+    _prepare(scene)
+    bpy.ops.scene.new(type=kind)
+    copied = bpy.context.scene
+    assert copied != scene
+    _prepare(copied)
+    assert door.status(copied).problems == []
+    tree = copied.compositing_node_group
+    assert tree != scene.compositing_node_group
+    asked = {n.scene for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers"}
+    assert asked == {copied, *find_layers(copied).rendered()}
+    assert not {s.name for s in asked} & {s.name for s in find_layers(scene).all()}
+    door.remove(copied)
+    assert find_layers(scene) is not None
+    assert door.has_group(scene)
+
+
+def test_a_tree_that_the_user_built_on_stays(scene):
+    _prepare(scene)
+    tree = scene.compositing_node_group
+    tree.nodes.new("CompositorNodeBlur")
+    door.remove(scene)
+    assert scene.compositing_node_group == tree
+    assert not own(tree)
+    assert not tree.name.startswith(".")
+    assert {n.bl_idname for n in tree.nodes} == {
+        "CompositorNodeRLayers",
+        "CompositorNodeBlur",
+        "NodeGroupOutput",
+    }
+
+
+def test_a_tree_that_was_replaced_is_left_without_nodes(scene):
+    tree = _users_tree(scene)
+    before = _links(tree)
+    _prepare(scene)
+    _users_tree(scene, "Another")
+    _prepare(scene)
+    assert not any(TAG in n for n in tree.nodes)
+    assert _links(tree) == before
+    assert door.has_group(scene)
+
+
+def test_nodes_count_no_scene_as_used_that_they_do_not_use(scene):
+    _users_tree(scene)
+    _prepare(scene)
+    door.remove(scene)
+    counted = scene.users
+    # Blender counts anew whenever it has loaded something.
+    with bpy.data.libraries.load(str(NODE_GROUPS)):
+        pass
+    assert scene.users == counted
+
+
+# ------------------------------------------------------------------------------------------ scenes
+
+
+def test_a_renamed_scene_keeps_what_was_made_for_it(scene):
+    _prepare(scene)
+    before = find_layers(scene)
+    scene.name = "Another Name"
+    _prepare(scene)
+    assert find_layers(scene) == before
+    assert door.has_group(scene)
+    assert door.counters["structures"]
+
+
+def test_a_deleted_scene_takes_along_what_was_made_for_it(scene):
+    other = bpy.data.scenes.new("Other")
+    _prepare(scene)
+    assert _own_blocks("scenes")
+    bpy.data.scenes.remove(scene)
+    _prepare(other)
+    door.prepare(other, scenes.depsgraph())
+    assert _own_blocks() == []
+
+
+def test_a_window_left_on_an_own_scene_shows_the_users_again(scene):
+    _prepare(scene)
+    window = bpy.context.window_manager.windows[0]
+    window.scene = find_layers(scene).lookup
+    handlers.leave_own_scenes()
+    assert window.scene == scene
+
+
+def test_an_own_scene_of_another_session_belongs_by_its_name(scene):
+    _prepare(scene)
+    other = bpy.data.scenes.new("Other")
+    lookup = find_layers(scene).lookup
+    # In the next session another scene may have the number.
+    lookup[own_layers._OWNER] = f"another session {other.session_uid}"
+    assert user_scene_of(lookup) == scene
+
+
+def test_a_linked_scene_is_refused(scene, tmp_path):
+    library = tmp_path / "library.blend"
+    scene.name = "Borrowed"
+    bpy.ops.wm.save_as_mainfile(filepath=str(library))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
+        wanted.scenes = ["Borrowed"]
+    with pytest.raises(RefractiveGlassError, match=r"Borrowed.*make it local"):
+        door.prepare(wanted.scenes[0], scenes.depsgraph())
+    door.remove(wanted.scenes[0])
+    assert _own_blocks() == []
+
+
+# ----------------------------------------------------------------------------------------- objects
+
+
+def test_a_glass_that_is_not_computed_is_shown_as_it_is(scene):
+    good = bpy.context.object
+    bad = scenes.glass(shape="SPHERE", radius=0.02, wall_thickness=0.0, location=(0.1, 0, 0))
+    bad.scale = (1, 1, 2)
+    _prepare(scene)
+    assert (_shown(good), _shown(bad)) == (False, True)
+    scene.camera = None
+    _prepare(scene)
+    assert (_shown(good), _shown(bad)) == (True, True)
+
+
+def test_a_glass_in_two_scenes_stays_hidden_while_one_computes_it(scene):
+    glass = bpy.context.object
+    other = bpy.data.scenes.new("Other")
+    other.collection.objects.link(glass)
+    _prepare(scene)
+    door.remove(other)
+    assert not _shown(glass)
+    door.remove(scene)
+    assert _shown(glass)
+
+
+def test_a_deleted_object_does_not_live_on_in_hiding(scene):
+    cube = bpy.data.objects.new("Cube", bpy.data.objects["Wall"].data.copy())
+    scene.collection.objects.link(cube)
+    _prepare(scene)
+    cube.select_set(True)
+    bpy.context.view_layer.objects.active = cube
+    with bpy.context.temp_override(selected_objects=[cube], active_object=cube):
+        bpy.ops.object.delete()
+    _prepare(scene)
+    assert "Cube" not in bpy.data.objects
+
+
+def test_own_node_groups_are_in_no_menu(scene):
+    _prepare(scene)
+    groups = _own_blocks("node_groups")
+    assert len(groups) >= 3
+    assert all(name.startswith(".") for name in groups)
+
+
+def test_what_is_hidden_in_viewports_can_be_seen_through_a_glass(scene):
+    """Blender evaluates no geometry for it then, and says so by an error."""
+    wall = bpy.data.objects["Wall"]
+    wall.hide_viewport = True
+    _prepare(scene)
+    assert door.status(scene).problems == []
+    assert find_layers(scene).copies()
+
+
+def test_a_copy_may_have_more_slots_than_its_mesh(scene):
+    wall = bpy.data.objects["Wall"]
+    _prepare(scene)
+    while len(wall.data.materials) > 1:
+        wall.data.materials.pop()
+    wall.data.materials[0] = scenes.emissive("Other", (1, 1, 1))
+    _prepare(scene)
+    for copy in find_layers(scene).copies().values():
+        worn = [slot.material for slot in copy.material_slots]
+        assert worn[0] == wall.data.materials[0]
+        assert not any(worn[1:])
+
+
+def test_a_glass_beside_the_picture_is_no_error(scene):
+    bpy.context.object.location = (50, 0, 0)
+    _prepare(scene)
+    door.update(scene, scenes.depsgraph())
+    assert door.status(scene).problems == []
+
+
+# ----------------------------------------------------------------------------------- undo and files
+
+
+def test_undo_and_redo_find_only_what_they_know(scene):
+    """Undo crashed where a preparation had made the user's tree point to something newer."""
+    tree = _users_tree(scene)
+    before = _links(tree)
+    bpy.ops.ed.undo_push(message="Tree")
+    wall = bpy.data.objects["Wall"]
+    for step in range(3):
+        _prepare(scene)
+        wall.location.x += 0.01
+        bpy.ops.ed.undo_push(message=f"Move {step}")
+        scene.refractive_glass.lookup_samples = "135"[step]
+    for _ in range(3):
+        assert bpy.ops.ed.undo() == {"FINISHED"}
+    _prepare(bpy.context.scene)
+    assert bpy.ops.ed.redo() == {"FINISHED"}
+    scene = bpy.context.scene
+    assert bpy.data.objects["Wall"].location.x == pytest.approx(0.01)
+    _prepare(scene)
+    assert door.has_group(scene)
+    door.remove(scene)
+    assert _links(scene.compositing_node_group) == before
+    assert _own_blocks() == []
+
+
+def test_a_file_holds_nothing_that_can_be_made_again(scene, tmp_path):
+    glass = bpy.context.object
+    _prepare(scene)
+    made = sorted(_own_blocks("scenes"))
+    path = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    # Here all is as it was.
+    assert sorted(_own_blocks("scenes")) == made
+    assert not _shown(glass)
+    # Blender lists no file that is open.
+    with bpy.data.libraries.load(str(shutil.copy(path, tmp_path / "copy.blend"))) as (held, _):
+        for kind in ("scenes", "collections", "objects", "meshes", "images", "node_groups"):
+            assert [n for n in getattr(held, kind) if n.startswith(".")] == []
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    scene = bpy.context.scene
+    assert _shown(bpy.data.objects["Refractive Glass"])
+    _prepare(scene)
+    assert find_layers(scene) is not None
+
+
+_WITHOUT = """
+import sys
+import bpy
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+scene = bpy.context.scene
+assert not hasattr(bpy.types.Scene, "refractive_glass")
+glass = bpy.data.objects["Refractive Glass"]
+depsgraph = bpy.context.evaluated_depsgraph_get()
+assert len(glass.evaluated_get(depsgraph).data.polygons) > 6
+bpy.data.objects["Wall"].location.x = 0.25
+bpy.data.objects["Wall"].name = "Renamed"
+for name, hidden in (("shown", False), ("hidden", True)):
+    glass.hide_render = hidden
+    scene.render.filepath = f"{sys.argv[2]}/{name}.png"
+    bpy.ops.render.render(write_still=True)
+glass.hide_render = False
+bpy.ops.wm.save_mainfile()
+"""
+
+
+def test_a_blender_without_the_extension_opens_renders_and_saves(scene, tmp_path):
+    scene.render.image_settings.file_format = "PNG"
+    _prepare(scene)
+    path = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    done = subprocess.run(
+        [sys.executable, "-c", _WITHOUT, str(path), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    # The glass's own mesh is there, not a hole.
+    shown, hidden = (scenes.load(tmp_path / f"{name}.png") for name in ("shown", "hidden"))
+    assert abs(shown - hidden).max() > 0.2
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    scene = bpy.context.scene
+    _prepare(scene)
+    assert door.status(scene).problems == []
+    sources = {own_layers.source_of(c).name for c in find_layers(scene).copies().values()}
+    assert sources == {"Renamed"}
+
+
+def test_disabled_it_leaves_nothing_and_enabled_it_starts_again(scene):
+    glass = bpy.context.object
+    _prepare(scene)
+    glass_refraction.unregister()
+    try:
+        assert _own_blocks() == []
+        assert _shown(glass)
+        assert scene.compositing_node_group is None
+    finally:
+        glass_refraction.register()
+    _prepare(scene)
+    assert find_layers(scene) is not None
+
+
+def test_appended_and_linked_glasses_bring_no_own_data(scene, tmp_path):
+    library = tmp_path / "library.blend"
+    _prepare(scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(library))
+    for link in (False, True):
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        with bpy.data.libraries.load(str(library), link=link) as (_, wanted):
+            wanted.objects = ["Refractive Glass"]
+        (glass,) = wanted.objects
+        assert _own_blocks() == []
+        assert _shown(glass)
+        # In a scene with a camera and a wall the appended one works, the linked one is refused.
+        here = bpy.context.scene
+        here.collection.objects.link(glass)
+        scenes.camera()
+        scenes.striped_wall(stripes=4)
+        _prepare(here)
+        problems = door.status(here).problems
+        assert (find_layers(here) is None) == link
+        assert ("make it local" in " ".join(problems)) == link
