@@ -151,7 +151,7 @@ def prepare(
         )
     problems: list[str] = []
     sources = source_objects(view_layer, problems)
-    panes = []
+    nearness: list[tuple[float, list[Pane]]] = []
     for obj in glasses:
         try:
             glass = read_glass(obj, depsgraph)
@@ -161,6 +161,8 @@ def prepare(
             continue
         seen = tuple(seen_through(obj, sources))
         contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
+        bands: list[Pane] = []
+        nearness.append((_depth(glass, view), bands))
         for banded, paths in kept:
             bare: frozenset = frozenset()
             if isinstance(glass.description, AxialGlass):
@@ -168,7 +170,10 @@ def prepare(
                     paths += open_paths(scene, banded, view)
                 if shows_objects(surroundings(scene, effective_shading(scene))):
                     bare = bare_paths(scene, banded, view)
-            panes.append(Pane(obj, paths, seen, contents, bare, banded.band))
+            bands.append(Pane(obj, paths, seen, contents, bare, banded.band))
+    # Each glass goes over those behind it.
+    nearness.sort(key=lambda pair: -pair[0])
+    panes = [pane for _, bands in nearness for pane in bands]
     if not panes:
         raise RefractiveGlassError(" ".join(problems))
     if not any(pane.sources for pane in panes) and is_uniform(scene.world):
@@ -472,6 +477,12 @@ def _update_occluders(layers: Layers, memory: Memory, depsgraph) -> None:
             if known is None or not snapshot.same(known):
                 write_true_mesh(occluder, parts)
                 memory.occluders[uid] = snapshot
+
+
+def _depth(glass: Glass, view: Viewpoint) -> float:
+    """How far before the camera a glass begins, metres."""
+    vertices, _ = first_face(glass, view.eye_for(glass))
+    return float(((glass.points_to_world(vertices) - view.eye) @ view.forward).min())
 
 
 def _covered(scene, panes: list[Pane], depsgraph, view: Viewpoint) -> tuple[int, int, int, int]:
