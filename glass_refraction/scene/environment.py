@@ -13,9 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import bpy
+import numpy as np
 
 from .. import optics
-from .arrays import write_attribute, write_polygons
+from .arrays import positions, write_attribute, write_polygons
 from .glasses import NAMED_SHAPES, glass_modifier, glass_objects
 from .modifier_inputs import read_input
 from .names import TAG, hidden_name, own
@@ -160,5 +161,28 @@ def write_screen(mesh: bpy.types.Mesh, view: Viewpoint, screen: Screen, depth: f
             _PARTS, (screen.origins[number], screen.directions[number], colour), strict=True
         ):
             write_attribute(mesh, _attribute(part, number), values, "FLOAT_VECTOR")
+    mesh.update()
+    mesh.update_tag()
+
+
+def write_curtain(mesh: bpy.types.Mesh, depth: float, width: float) -> None:
+    """Make the mesh a black square close behind the screens, in the camera's frame.
+
+    A compositor renders other scenes at its own scene's size, whatever border they have: without
+    the curtain the engine would draw all that lies beside the glasses too, for nothing.
+
+    Parameters
+    ----------
+    depth : along the view direction, metres: beyond the screens, before anything to be seen.
+    width : of the picture there, metres, or more.
+    """
+    half = 0.5 * width
+    corners = [(-half, -half, -depth), (half, -half, -depth), (half, half, -depth)]
+    corners.append((-half, half, -depth))
+    corners = np.array(corners, np.float32)
+    if len(mesh.vertices) == 4 and np.array_equal(positions(mesh), corners):
+        return
+    mesh.clear_geometry()
+    write_polygons(mesh, corners, np.array([(0, 1, 2, 3)]))
     mesh.update()
     mesh.update_tag()

@@ -39,7 +39,7 @@ from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
 from .path_keys import path_key, short_key
 from .regions import FILTER_WIDTH
-from .shaders import depth_material, lookup_material, mask_material
+from .shaders import curtain_material, depth_material, lookup_material, mask_material
 from .sources import is_carried
 from .viewpoint import render_size
 from .visibility import rendered_objects
@@ -196,6 +196,10 @@ class Layers:
                 return collection.objects[0].data
         raise KeyError(glass_name)
 
+    def curtain(self) -> bpy.types.Object:
+        """The object that hides from the camera what lies beside the screens."""
+        return _child(self.around, "curtain").objects[0]
+
 
 def source_of(copy: bpy.types.Object) -> bpy.types.Object | None:
     """The object that a copy or occluder shows; None for a baked object that has no source."""
@@ -272,6 +276,9 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     lamps = {o for o in shown if o.type == "LIGHT"}
     _match_linked(_child(layers.around, "shown"), shown - lamps)
     _match_lamps(_child(layers.around, "lamps"), lamps)
+    for constraint in layers.curtain().constraints:
+        if constraint.target != scene.camera:
+            constraint.target = scene.camera
     for view_layer in layers.around.view_layers:
         for child in _layer_collections(view_layer):
             screen = child.collection
@@ -407,6 +414,12 @@ def _make_around(
 ) -> None:
     _new_collection("shown", around)
     _new_collection("lamps", around)
+    mesh = bpy.data.meshes.new(hidden_name("curtain", scene.name))
+    mesh.materials.append(curtain_material())
+    curtain = _new_object("curtain", mesh, _new_collection("curtain", around), scene.name)
+    for kind in ("COPY_LOCATION", "COPY_ROTATION"):
+        curtain.constraints.new(kind)
+    _show_to_camera_only(curtain)
     names = []
     for pane in panes:
         mesh = bpy.data.meshes.new(hidden_name("screen", pane.key))
@@ -418,13 +431,17 @@ def _make_around(
             screen[_GLASS], screen[_LAYER] = pane.key, name
             screen[_MIRRORED] = name in pane.mirror_layers(mode)
             obj = _new_object("screen", mesh, screen, name)
-            for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
-                setattr(obj, f"visible_{kind}", False)
+            _show_to_camera_only(obj)
             slot = obj.material_slots[0]
             slot.link = "OBJECT"
             weighed = name in pane.mirror_layers(mode)
             slot.material = ray_material(f"{scene.name} {name}", numbers, weighed=weighed)
     _name_layers(around, names)
+
+
+def _show_to_camera_only(obj: bpy.types.Object) -> None:
+    for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(obj, f"visible_{kind}", False)
 
 
 def _name_layers(own_scene: bpy.types.Scene, names: list[str]) -> None:
@@ -666,14 +683,24 @@ def _match(
     _write(own_scene, "world", scene.world if lit else None)
 
 
+_CONSTANT_ONCE = {
+    "use_adaptive_sampling": True,
+    "adaptive_threshold": 1e-5,
+    "adaptive_min_samples": 4,
+}
+"""Cycles: pixels of which all samples are alike get no more of them; those with noise get all."""
+
+
 def _around_settings(scene: bpy.types.Scene) -> tuple[dict, dict]:
     """Render and Cycles settings of the scene around."""
     cycles = {
         "samples": scene.cycles.samples,
         "use_layer_samples": "USE",
-        # The way through the screen counts as a transparent bounce.
-        "transparent_max_bounces": scene.cycles.transparent_max_bounces + 2,
+        # The way through the screen counts as a transparent bounce, and past the curtain.
+        "transparent_max_bounces": scene.cycles.transparent_max_bounces + 3,
     }
+    if not scene.cycles.use_adaptive_sampling:
+        cycles |= _CONSTANT_ONCE
     if scene.render.engine != "CYCLES":
         cycles["samples"] = scene.eevee.taa_render_samples
         cycles["pixel_filter_type"] = "BLACKMAN_HARRIS"
@@ -698,7 +725,7 @@ def _emission_settings(samples: int, filter_width: float) -> tuple[dict, dict]:
     cycles = {
         "device": "CPU",
         "samples": samples,
-        "use_adaptive_sampling": False,
+        **_CONSTANT_ONCE,
         "use_denoising": False,
         "pixel_filter_type": "BLACKMAN_HARRIS",
         "filter_width": filter_width,

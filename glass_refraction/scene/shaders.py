@@ -54,6 +54,23 @@ def mask_material() -> bpy.types.Material:
     return material
 
 
+def curtain_material() -> bpy.types.Material:
+    """Black from the front, clear from the back."""
+    material, tree, new = _own_material("curtain")
+    if not new:
+        return material
+    side = tree.nodes.new("ShaderNodeNewGeometry")
+    shown = tree.nodes.new("ShaderNodeMixShader")
+    black = tree.nodes.new("ShaderNodeEmission")
+    black.inputs["Strength"].default_value = 0.0
+    end = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(side.outputs["Backfacing"], shown.inputs[0])
+    tree.links.new(black.outputs[0], shown.inputs[1])
+    tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], shown.inputs[2])
+    tree.links.new(shown.outputs[0], end.inputs["Surface"])
+    return material
+
+
 def _own_material(role: str):
     """The extension's material in that role, its emptied node tree, and whether it is new."""
     for material in bpy.data.materials:

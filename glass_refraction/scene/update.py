@@ -35,7 +35,7 @@ from .compositing import (
     write_weights,
 )
 from .copies import write_copy, write_true_mesh
-from .environment import is_uniform, shows_objects, surroundings, write_screen
+from .environment import is_uniform, shows_objects, surroundings, write_curtain, write_screen
 from .glasses import Glass, banded_key, glass_modifier, glass_objects, read_glass
 from .hull import faces_eye, first_face
 from .layers import (
@@ -86,6 +86,8 @@ __all__ = [
 ]
 
 MAX_TOLERANCE_PX = 8.0
+BEHIND_SCREENS, WIDE = 1.02, 1e3
+"""Of the screens' depth: where the curtain hangs, and how wide it is in a perspective view."""
 NEAREST = 1.1
 """Of the camera's clip start: how far before it stands what no object may be nearer than."""
 
@@ -378,6 +380,8 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
         screen = build_screen(glass, view, regions, fresnel=fresnel)
         depth = NEAREST * scene.camera.data.clip_start
         write_screen(layers.screen(pane.key), view, screen, depth)
+        wide = 2.0 * scene.camera.data.ortho_scale if view.is_parallel else WIDE * depth
+        write_curtain(layers.curtain().data, BEHIND_SCREENS * depth, wide)
     memory.regions[pane.key] = (stamp, regions)
     return regions
 
