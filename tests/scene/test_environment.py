@@ -318,16 +318,17 @@ def test_what_lies_beside_the_glass_is_not_drawn_again(tmp_path):
     scenes.camera()
     scenes.striped_wall()
     scenes.glass(shape="CYLINDER")
-    scene = scenes.settings(80, 60, samples=4, surface="GLASS", shading="TRUE")
+    scene = scenes.settings(160, 120, samples=1, surface="GLASS", shading="TRUE")
     _world(scene, (1.0, 1.0, 1.0, 1.0))
     door.prepare(scene, scenes.depsgraph())
     door.update(scene, scenes.depsgraph())
     around = find_layers(scene).around
     around.render.use_border = False
     found = scenes.picture(around, tmp_path)
-    hit = np.zeros((60, 80), bool)
+    hit = np.zeros((120, 160), bool)
     view = read_viewpoint(scene, scenes.depsgraph())
-    x0, y0, x1, y1 = picture_rect(read_glasses(scenes.depsgraph())[0], view, margin=8)
+    x0, y0, x1, y1 = picture_rect(read_glasses(scenes.depsgraph())[0], view, margin=20)
+    # The screen reaches some pixels beyond the glass, for the pixel filter.
     hit[y0:y1, x0:x1] = True
     assert found[~hit, :3].max() == 0.0
     assert found[hit, :3].mean() > 0.05
