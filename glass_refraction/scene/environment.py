@@ -94,7 +94,7 @@ def ray_material(key: str, numbers: Sequence[int], *, weighed: bool) -> bpy.type
     ----------
     key : of the same key there is one material.
     numbers : the paths', in the screen mesh's attributes.
-    weighed : multiply by the paths' weights; else a path counts wholly wherever it is taken.
+    weighed : multiply by the paths' weights; else a path counts wholly wherever its ray is known.
     """
     for material in bpy.data.materials:
         if own(material, "rays") and material.get(_KEY) == key and material.library is None:
@@ -126,17 +126,23 @@ def ray_material(key: str, numbers: Sequence[int], *, weighed: bool) -> bpy.type
 
 def _portal(tree: bpy.types.NodeTree, number: int, weighed: bool) -> bpy.types.NodeSocket:
     portal = tree.nodes.new("ShaderNodeBsdfRayPortal")
-    for part, socket in zip(_PARTS, ("Position", "Direction", "Color"), strict=True):
+    values = {}
+    for part in _PARTS:
         attribute = tree.nodes.new("ShaderNodeAttribute")
         attribute.attribute_name = _attribute(part, number)
-        value = attribute.outputs["Vector"]
-        if part == "weight" and not weighed:
-            taken = tree.nodes.new("ShaderNodeMath")
-            taken.operation = "GREATER_THAN"
-            taken.inputs[1].default_value = 0.0
-            tree.links.new(attribute.outputs["Fac"], taken.inputs[0])
-            value = taken.outputs[0]
-        tree.links.new(value, portal.inputs[socket])
+        values[part] = attribute.outputs["Vector"]
+    if not weighed:
+        # A step beyond where it is taken too: the mean over a pixel is weighed as a whole.
+        length = tree.nodes.new("ShaderNodeVectorMath")
+        length.operation = "LENGTH"
+        tree.links.new(values["direction"], length.inputs[0])
+        known = tree.nodes.new("ShaderNodeMath")
+        known.operation = "GREATER_THAN"
+        known.inputs[1].default_value = 0.5
+        tree.links.new(length.outputs["Value"], known.inputs[0])
+        values["weight"] = known.outputs[0]
+    for part, socket in zip(_PARTS, ("Position", "Direction", "Color"), strict=True):
+        tree.links.new(values[part], portal.inputs[socket])
     return portal.outputs[0]
 
 

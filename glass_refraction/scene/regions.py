@@ -17,7 +17,7 @@ FILTER_WIDTH = 1.5
 """Width of the pixel filter (Blackman-Harris), as Cycles counts it and has it by default."""
 SUPPORT = 2.0 * FILTER_WIDTH
 """Pixels across which that filter is not zero: twice its width (Cycles, scene/film.cpp)."""
-SUBSAMPLES = 8
+SUBSAMPLES = 24
 """Rays a side across the filter's support, in pixels where a region ends."""
 
 
@@ -199,17 +199,21 @@ class PathRays:
         return crossed
 
     def filtered(self, x: np.ndarray, y: np.ndarray):
-        """Means over the pixel filter of the rays that meet the glass (2 P, M); their part (M,).
+        """Means over the pixel filter (2 P, M), and the part of its rays that meets the glass (M,).
 
-        The means are those of the weights, then of the shares.
+        The means are those of the weights, then of the shares. Rays beside the glass count as the
+        nearest that meets it: so do those of a screen.
         """
         dx, dy = _filter_places()
         found, hit, _ = self.weights((x[:, None] + dx).ravel(), (y[:, None] + dy).ravel())
-        found = np.concatenate((found, self.shared(found)))
         hit = hit.reshape(len(x), len(dx))
-        total = np.einsum("pmk,mk->pm", found.reshape(len(found), *hit.shape), hit)
-        cover = hit.sum(axis=1)
-        return total / np.where(cover > 0, cover, 1.0), cover / len(dx)
+        found = np.concatenate((found, self.shared(found))).reshape(-1, *hit.shape)
+        apart = np.hypot(dx[:, None] - dx, dy[:, None] - dy)
+        mixed = np.flatnonzero(hit.any(axis=1) & ~hit.all(axis=1))
+        nearest = np.where(hit[mixed, None, :], apart, np.inf).argmin(axis=2)
+        found[:, mixed] = np.take_along_axis(found[:, mixed], nearest[None], axis=2)
+        found[:, ~hit.any(axis=1)] = 0.0
+        return found.mean(axis=2), hit.mean(axis=1)
 
 
 def tints(glass: Glass, view: Viewpoint, regions: Regions, path: optics.LightPath) -> np.ndarray:
