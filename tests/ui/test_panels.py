@@ -145,5 +145,5 @@ def test_own_scenes_show_no_panels():
 def test_the_menu_offers_shapes_and_presets():
     shown = _Layout()
     menus.VIEW3D_MT_refractive_glass_add.draw(type("_", (), {"layout": shown})(), bpy.context)
-    assert {"Slab", "Cylinder", "Rod", "Sphere"} <= set(shown.drawn)
+    assert {"Slab", "Cylinder", "Rod", "Sphere", "Tumbler"} <= set(shown.drawn)
     assert {preset.label for preset in presets.PRESETS} <= set(shown.drawn)
