@@ -14,7 +14,7 @@ from . import shadow
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass"
-SHAPES = ("Slab", "Cylinder", "Rod", "Sphere", "Tumbler")
+SHAPES = ("Slab", "Cylinder", "Rod", "Sphere", "Tumbler", "Revolution")
 SHARP = 0.8
 """Radians between the normals on both sides of an edge that is a rim."""
 
@@ -36,6 +36,7 @@ def build():
     rod = _lathe(b, segments, (0.0, radius, radius, 0.0, 0.0), (0.0, 0.0, height, height, height))
     sphere = _sphere(b, radius, inner, wall, segments)
     tumbler = _tumbler(b, group, inner)
+    turned = _turned(b, group.outputs["Profile"], segments)
 
     # While a viewport draws the refracted picture, a face would hide what that is looked up in.
     is_viewport = b.node("IsViewport")
@@ -48,7 +49,7 @@ def build():
     menu.enum_items.clear()
     for name in SHAPES:
         menu.enum_items.new(name)
-    for name, made in zip(SHAPES, (slab, tube, rod, sphere, tumbler), strict=True):
+    for name, made in zip(SHAPES, (slab, tube, rod, sphere, tumbler, turned), strict=True):
         b.link(made, menu.inputs[name])
     b.link(group.outputs["Shape"], menu.inputs["Menu"])
     shape_socket = next(i for i in b.tree.interface.items_tree if i.name == "Shape")
@@ -136,7 +137,14 @@ def _interface(b: TreeBuilder) -> None:
         default=0.0,
         minimum=0.0,
         subtype="DISTANCE",
-        description="Height of the liquid above a tumbler's inner bottom; 0: empty",
+        description="Height of the liquid above the lowest point inside a tumbler or glass of "
+        "revolution; 0: empty",
+    )
+    b.socket(
+        "Profile",
+        "Object",
+        description="Curve of a glass of revolution: x is the radius, z the height; its first "
+        "spline is the outside, from the axis below up to the rim, its second the inside",
     )
     b.socket("IOR", "Float", default=1.5, description="Index of refraction of the glass")
     b.socket(
@@ -325,6 +333,43 @@ def _tumbler(b: TreeBuilder, group, inner):
     b.link(cup, join.inputs[0])
     b.link(b.switch("GEOMETRY", filled.outputs[0], _nothing(b), placed.outputs[0]), join.inputs[0])
     return join.outputs[0]
+
+
+def _turned(b: TreeBuilder, profile, segments):
+    """The splines of a curve object, turned about z."""
+    info = b.node("ObjectInfo", transform_space="ORIGINAL")
+    b.link(profile, info.inputs["Object"])
+    place = b.node("ShaderNodeSeparateXYZ")
+    b.link(b.node("InputPosition").outputs[0], place.inputs[0])
+
+    def captured(geometry, value):
+        node = b.node("CaptureAttribute", domain="POINT")
+        node.capture_items.new("FLOAT", "Value")
+        b.link(geometry, node.inputs["Geometry"])
+        b.link(value, node.inputs["Value"])
+        return node.outputs["Geometry"], node.outputs["Value"]
+
+    # What a point of the profile is, and where round the axis: the sweep carries both along.
+    curve, radius = captured(info.outputs["Geometry"], place.outputs[0])
+    curve, height = captured(curve, place.outputs[2])
+    circle = b.node("CurvePrimitiveCircle")
+    b.link(segments, circle.inputs["Resolution"])
+    turn = b.math("DIVIDE", b.node("InputIndex").outputs[0], segments)
+    ring, angle = captured(circle.outputs["Curve"], b.math("MULTIPLY", turn, math.tau))
+    sweep = b.node("CurveToMesh")
+    b.link(ring, sweep.inputs["Curve"])
+    b.link(curve, sweep.inputs["Profile Curve"])
+    position = b.node("ShaderNodeCombineXYZ")
+    b.link(b.math("MULTIPLY", radius, b.math("COSINE", angle)), position.inputs[0])
+    b.link(b.math("MULTIPLY", radius, b.math("SINE", angle)), position.inputs[1])
+    b.link(height, position.inputs[2])
+    move = b.node("SetPosition")
+    b.link(sweep.outputs["Mesh"], move.inputs["Geometry"])
+    b.link(position.outputs[0], move.inputs["Position"])
+    merge = b.node("MergeByDistance")
+    b.link(move.outputs[0], merge.inputs["Geometry"])
+    merge.inputs["Distance"].default_value = 1e-6
+    return _smooth_but_rims(b, merge.outputs[0])
 
 
 def _smooth_but_rims(b: TreeBuilder, mesh):

@@ -130,6 +130,10 @@ def path_of(steps: Steps) -> LightPath:
     return LightPath("".join(step[1] for step in steps), tuple(step[0] for step in steps))
 
 
+def _events(steps: Steps) -> str:
+    return "".join(event for _, event in steps)
+
+
 class Wanted:
     """Which of some paths a list of steps begins or is; paths without interfaces match any."""
 
@@ -139,24 +143,32 @@ class Wanted:
             for name in path.interfaces or ():
                 glass.named(name)
         self._begun: dict[Steps, bool] = {}
-
-    def _matches(self, path: LightPath, steps: Steps) -> bool:
-        if not path.events.startswith("".join(step[1] for step in steps)):
-            return False
-        return path.interfaces is None or steps_of(path)[: len(steps)] == steps
+        for path in self.paths:
+            for count in range(len(path) + 1) if path.interfaces is not None else ():
+                self._begun[steps_of(path)[:count]] = True
+        self._unnamed = tuple(path for path in self.paths if path.interfaces is None)
+        self._by_steps: dict[tuple[Steps, bool], tuple[int, ...]] = {}
+        for number, path in enumerate(self.paths):
+            if path.interfaces is not None:
+                key = steps_of(path), path.open
+                self._by_steps[key] = (*self._by_steps.get(key, ()), number)
 
     def begun(self, steps: Steps) -> bool:
         """Whether any of the paths begins with these steps."""
         if steps not in self._begun:
-            self._begun[steps] = any(self._matches(path, steps) for path in self.paths)
+            events = _events(steps)
+            self._begun[steps] = any(path.events.startswith(events) for path in self._unnamed)
         return self._begun[steps]
 
     def complete(self, steps: Steps, is_open: bool = False) -> tuple[int, ...]:
         """Numbers of the paths that are these steps, and are open or are not."""
-        return tuple(
+        named = self._by_steps.get((steps, is_open), ())
+        if is_open or not self._unnamed:
+            return named
+        return named + tuple(
             number
             for number, path in enumerate(self.paths)
-            if path.open == is_open and len(path) == len(steps) and self._matches(path, steps)
+            if path.interfaces is None and path.events == _events(steps)
         )
 
 

@@ -29,8 +29,7 @@ class RevolutionGlass(AxialGlass):
 
     Media: 0 the surroundings (the air in the cup too), 1 the glass, 2 the liquid. Interfaces, as
     `LightPath.interfaces` names them: outer, dry (inside above the liquid), wet (inside below the
-    level), surface (of the liquid), rim (from the end of `outer` to that of `inner`; a ray that
-    meets it takes no path).
+    level), surface (of the liquid), rim (from the end of `outer` to that of `inner`).
 
     Parameters
     ----------
@@ -110,8 +109,8 @@ class RevolutionGlass(AxialGlass):
         inner = self._inner.scaled(1.0 / self.scale)
         ends = [np.array(_nodes(side)[-1]) / self.scale for side in (self.outer, self.inner)]
         if np.abs(ends[0] - ends[1]).max() > 1e-9:
-            rim = Curve.through(np.stack([ends[1], ends[0]]))
-            parts.append(Interface("rim", Profile(rim), OUTSIDE, GLASS, opaque=True))
+            rim = Curve.through(np.stack(ends))
+            parts.append(Interface("rim", Profile(rim), OUTSIDE, GLASS))
         if not self.level:
             return (*parts, Interface("dry", Profile(inner), GLASS, OUTSIDE))
         height = self._surface_height

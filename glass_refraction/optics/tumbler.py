@@ -34,7 +34,7 @@ class Tumbler(AxialGlass):
     surface   the liquid's surface
     floor     inner bottom, glass against the liquid (or air, where there is none)
     base      underside, glass against the surroundings
-    rim       the ring at the top; a ray that meets it takes no path
+    rim       the ring at the top, glass against the surroundings
     ========= ============================================================================
 
     Parameters
@@ -120,7 +120,7 @@ class Tumbler(AxialGlass):
             Interface("outer", Cylinder(1.0, 0.0, rim), OUTSIDE, GLASS),
             Interface("floor", Plane(floor, 0.0, inner), contents, GLASS),
             Interface("base", Plane(0.0, 0.0, 1.0), GLASS, OUTSIDE),
-            Interface("rim", Plane(rim, inner, 1.0), OUTSIDE, GLASS, opaque=True),
+            Interface("rim", Plane(rim, inner, 1.0), OUTSIDE, GLASS),
         ]
         if self.level:
             parts.append(Interface("wet", Cylinder(inner, floor, level), GLASS, LIQUID))

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..scene.glasses import read_glasses
 from ..scene.names import RefractiveGlassError
-from ..scene.regions import region_masks
+from ..scene.path_keys import path_of
+from ..scene.regions import left_out_pixels, region_masks
 from ..scene.update import effective_shading, status
 from ..scene.viewpoint import read_viewpoint
 from .cycles import render_reference, samples_setting, scene_depsgraph
@@ -105,6 +106,9 @@ def compare(
         "reference_samples": composite_samples,
         "vertices": found.vertices,
         "paths": list(found.paths),
+        "pixels_left_out": left_out_pixels(
+            scene, scene_depsgraph(scene), tuple(path_of(key) for key in found.paths)
+        ),
         "problems": list(found.problems),
         "engine": scene.render.engine,
         "shading": effective_shading(scene),

@@ -212,8 +212,8 @@ def _lathed(
         if around[row] == 1 and around[row + 1] == 1:
             raise ValueError(f"{name} must not run along the axis")
         if around[row] == 1:
-            ring = (here + high, here * 0 + low, onward + high)[::-1]
-            rows, turns = (row + 1, row, row + 1)[::-1], (here, here, onward)[::-1]
+            ring, rows = (here * 0 + low, onward + high, here + high), (row, row + 1, row + 1)
+            turns = (here, onward, here)
         elif around[row + 1] == 1:
             ring, rows = (here + low, onward + low, here * 0 + high), (row, row, row + 1)
             turns = (here, onward, here)

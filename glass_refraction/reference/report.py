@@ -131,6 +131,12 @@ def markdown(report: dict) -> str:
         f"{', '.join(report['paths']) or 'none'}, shading {report['shading']}, "
         f"Blender {report['blender_version']}.",
     ]
+    if "pixels_left_out" in report:
+        lines += [
+            "",
+            f"In {report['pixels_left_out']:.2%} of the glass's pixels the paths bring less than "
+            "half of the light; nearest paths or the scene straight behind stand in.",
+        ]
     if report["problems"]:
         lines += ["", "Problems:", "", *(f"- {problem}" for problem in report["problems"])]
     return "\n".join(lines) + "\n"

@@ -206,6 +206,15 @@ def write_weights(
 ) -> None:
     """Write a glass's path weights into the images that the node group reads."""
     x0, y0, x1, y1 = view.window
+    image = _find_image(_rest_name(scene, pane), "weights")
+    if image is not None:
+        rest = np.ones((y1 - y0, x1 - x0, 4), np.float32)
+        left_out = regions.left_out()
+        if scene.refractive_glass.surface != "GLASS":
+            # What is reflected there is lost.
+            left_out[:] = 0.0
+        rest[..., :3] = regions.full(left_out, view.size)[y0:y1, x0:x1, None]
+        write_image(image, rest)
     for number, shares in enumerate(regions.shares):
         image = _find_image(_weight_name(scene, pane, number), "weights")
         if image is None:
@@ -233,6 +242,10 @@ def write_kernels() -> None:
 
 def _weight_name(scene: bpy.types.Scene, pane: Pane, number: int) -> str:
     return hidden_name("weights", scene.name, pane.key, str(number))
+
+
+def _rest_name(scene: bpy.types.Scene, pane: Pane) -> str:
+    return hidden_name("weights", scene.name, pane.key, "rest")
 
 
 def _find_image(name: str, role: str) -> bpy.types.Image | None:
@@ -326,7 +339,10 @@ class _Group:
     def _through(self, bands: list[Pane], colour, alpha):
         """The picture with one more glass in it; ``bands``: it in light of each colour."""
         one = len(bands) == 1
-        seen_colour, seen_alpha = self._seen(bands[0]) if one else self._joined(bands)
+        straight = colour, alpha
+        seen_colour, seen_alpha = (
+            self._seen(bands[0], *straight) if one else self._joined(bands, *straight)
+        )
         cover = self._mask(bands[0])
         beside = self._math("SUBTRACT", 1.0, cover)
         colour = self._vector("ADD", self._scaled(colour, beside), self._scaled(seen_colour, cover))
@@ -335,20 +351,27 @@ class _Group:
         )
         return colour, alpha
 
-    def _joined(self, bands: list[Pane]):
+    def _joined(self, bands: list[Pane], straight, straight_alpha):
         """Red of what red light shows, and so on; alpha is their mean."""
         colour, alpha = (0.0, 0.0, 0.0), 0.0
         for channel, pane in enumerate(bands):
-            seen, seen_alpha = self._seen(pane)
+            seen, seen_alpha = self._seen(pane, straight, straight_alpha)
             part = self._vector("MULTIPLY", seen, tuple(float(k == channel) for k in range(3)))
             colour = self._vector("ADD", colour, part)
             alpha = self._math("ADD", alpha, self._math("DIVIDE", seen_alpha, float(len(bands))))
         return colour, alpha
 
-    def _seen(self, pane: Pane):
-        """Colour and alpha of what is seen through a glass."""
+    def _seen(self, pane: Pane, straight, straight_alpha):
+        """Colour and alpha of what is seen through a glass; ``straight``: as though it was not."""
         # What no path brings is dark, not transparent: alpha lacks only what passes the scene.
         seen_colour, passing = (0.0, 0.0, 0.0), 0.0
+        if any(path.interfaces is not None for path in pane.paths):
+            # Rays of which hardly any path was kept pass straight through.
+            image = self._node("CompositorNodeImage")
+            image.image = _own_image(_rest_name(self.scene, pane), "weights")
+            rest = image.outputs["Image"]
+            seen_colour = self._vector("MULTIPLY", straight, rest)
+            passing = self._math("MULTIPLY", self._math("SUBTRACT", 1.0, straight_alpha), rest)
         uncovered: dict[optics.LightPath, bpy.types.NodeSocket] = {}
         # What the open paths show is needed first: it stands before what others show.
         inner = {path: self._inside(pane, path) for path in pane.paths if path.open}

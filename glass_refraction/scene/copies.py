@@ -26,6 +26,7 @@ def write_copy(
     view: Viewpoint,
     *,
     looked_up: bool,
+    held: bool = False,
     before: Appearance | None = None,
 ) -> None:
     """Write where a source appears into the copy's carrier mesh.
@@ -33,6 +34,7 @@ def write_copy(
     Parameters
     ----------
     looked_up : the copy's colours are looked up, so it needs where.
+    held : it stands in for itself where that does not show it, so it needs its normals too.
     before : what the carrier holds of the same source, path and shading.
     """
     if shape.images is None:
@@ -46,7 +48,9 @@ def write_copy(
     if looked_up:
         lookup = np.tile(view.lookup(shape.triangles.points), (len(slots), 1))
     write_input(copy.modifiers[0], "Whole", bool(seen.min() == 1.0))
-    write_input(copy.modifiers[0], "Normals", 0 if looked_up else _kept_normals(source, shape))
+    write_input(
+        copy.modifiers[0], "Normals", 0 if looked_up and not held else _kept_normals(source, shape)
+    )
     if shape.refined:
         _write_repeated(copy, source.mesh(), shape.triangles, len(slots))
         _write_carrier(copy.data, where, seen, lookup, keep_mesh=True)

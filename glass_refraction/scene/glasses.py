@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import bpy
 import numpy as np
@@ -19,8 +20,10 @@ from .visibility import rendered_objects
 _RIGID_TOLERANCE = 1e-4
 # What goes less deep into a glass than this, relative to its size, stands against it.
 _TOUCHING = 1e-3
-NAMED_SHAPES = ("Tumbler",)
+NAMED_SHAPES = ("Tumbler", "Revolution")
 """Shapes whose light paths name their interfaces (`AxialGlass`)."""
+_ON_AXIS = 1e-3
+"""Part of a profile's size within which its end counts as on the axis."""
 # A liquid less deep than this, relative to its glass's radius, is none.
 _SHALLOW = 1e-5
 # Limits of absorption: the darkest colour and the shortest distance, metres.
@@ -241,6 +244,10 @@ def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
                 for name in ("Bottom Thickness", "Liquid Level")
             )
             description = _tumbler(size, bottom, level, ior, contents)
+        elif shape == "Revolution":
+            level = float(read_input(modifier, "Liquid Level")) * scale
+            profile = read_input(modifier, "Profile")
+            description = _revolution(profile, depsgraph, scale, ior, contents, level)
         else:
             description = _coaxial(shape, size, ior, contents)
     except ValueError as error:
@@ -304,6 +311,65 @@ def _tumbler(size: dict[str, float], bottom: float, level: float, ior: float, co
     if level < _SHALLOW * radius:
         level = 0.0
     return optics.Tumbler(radius, wall, height, bottom, ior, contents, level)
+
+
+def _revolution(profile, depsgraph, scale: float, ior: float, contents: float, level: float):
+    """The description of a glass whose profile is a curve object; more than full is full."""
+    if profile is None or profile.type != "CURVE":
+        raise ValueError("choose a curve object as its profile")
+    splines = profile.evaluated_get(depsgraph).data.splines
+    if not 1 <= len(splines) <= 2:
+        raise ValueError(
+            f'profile "{profile.name}" must have one spline or two, the outside and the inside, '
+            f"not {len(splines)}"
+        )
+    sides = [_profile_points(spline) * scale for spline in splines]
+    inner = None
+    if len(sides) == 2:
+        inner = sides[1]
+        nodes = inner[:, 1] if inner.ndim == 3 else inner
+        level = min(max(level, 0.0), float(nodes[-1, 1] - nodes[0, 1]))
+    if inner is None or level < _SHALLOW * scale * np.abs(sides[0]).max():
+        level = None
+    return _kept_revolution(_nested(sides[0]), _nested(inner), ior, contents, level)
+
+
+@lru_cache(maxsize=32)
+def _kept_revolution(outer, inner, ior: float, contents: float, level: float | None):
+    """One description for equal profiles: it keeps tables that take time to make."""
+    return optics.RevolutionGlass(outer, inner, ior, contents, level)
+
+
+def _nested(array: np.ndarray | None):
+    """The array as tuples, which can be compared and hashed."""
+    if array is None or array.ndim == 0:
+        return None if array is None else float(array)
+    return tuple(_nested(part) for part in array)
+
+
+def _profile_points(spline) -> np.ndarray:
+    """Radius and height of a spline's points: (K, 3, 2) with handles, or (K, 2)."""
+    if spline.type == "BEZIER":
+        points = np.array(
+            [(p.handle_left, p.co, p.handle_right) for p in spline.bezier_points], float
+        )
+        nodes = points[:, 1]
+    else:
+        points = np.array([p.co[:3] for p in spline.points], float)
+        nodes = points
+    if len(nodes) < 2:
+        raise ValueError("each spline of the profile must have two or more points")
+    # Rounded to the axis: a curve drawn by hand ends there nearly.
+    found = points[..., (0, 2)]
+    ends = found[[0, -1], 1] if found.ndim == 3 else found[[0, -1]]
+    reach = np.abs(found).max()
+    for number, end in zip((0, -1), ends, strict=True):
+        if abs(end[0]) < _ON_AXIS * reach:
+            if found.ndim == 3:
+                found[number, 1, 0] = 0.0
+            else:
+                found[number, 0] = 0.0
+    return found
 
 
 def unbounded(description):

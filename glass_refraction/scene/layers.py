@@ -37,7 +37,7 @@ from .glasses import banded_key, casts_shadow, glass_modifier
 from .memory import counters
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
-from .path_keys import path_key, short_key
+from .path_keys import path_key, path_of, short_key
 from .regions import FILTER_WIDTH
 from .shaders import curtain_material, depth_material, lookup_material, mask_material
 from .sources import is_carried
@@ -611,8 +611,9 @@ def match_settings(
         for place, name in enumerate(("min_x", "min_y", "max_x", "max_y")):
             picture[f"border_{name}"] = rect[place] / size[place % 2]
     displaced: tuple[dict, dict] = {}, {}
-    if around:
-        # What the copies leave uncovered comes from the scene around.
+    opened = any(path_of(key).open for keys, _ in layers.path_keys().values() for key in keys)
+    if around or opened:
+        # What the copies leave uncovered comes from the scene around, or from other paths.
         displaced[0]["film_transparent"] = True
     if true_shading:
         # Only slivers of what the glass holds come from here.

@@ -24,11 +24,18 @@ PATH_SEARCH_SIDE = 96
 hundredth of it is met by one of them, however few pixels the glass has in the picture."""
 
 
-BARE = 0.15
+BARE = 0.08
 """A path counts that carries this part of ``min_weight``, where rays show it and no copies."""
 OUTWARD = {"outer", "base", "rim"}
 """Interfaces of cups beyond which lies nothing that these hold."""
-MOST_BARE = 40
+DARK, MOST_FILLING = 0.01, 20
+"""Part of the rays that may lack half of their light, and paths that are added for them, at most.
+"""
+OPEN = 0.8
+"""An open path counts that carries this many times ``min_weight``."""
+MOST_OPEN = 14
+"""Open paths, at most."""
+MOST_BARE = 50
 """Paths without copies, at most."""
 
 
@@ -36,30 +43,26 @@ def kept_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, 
     """The paths that the glass's picture is made of: a mean weight of ``min_weight`` or more.
 
     ``optics.light_paths`` lists what carries that much for *some* ray; close to the verge light
-    runs round in the wall along a dozen paths, each too thin to be seen. Of glasses with bottoms
-    and levels thinner paths count too: each fills a small part of the picture alone. Raises
+    runs round in the wall along a dozen paths, each too thin to be seen. Raises
     RefractiveGlassError where the eye is inside the wall.
     """
     least = scene.refractive_glass.min_weight
-    paths, mean = _listed(scene, glass, view)
-    if isinstance(glass.description, AxialGlass):
-        order = np.argsort(-mean, kind="stable")
-        thin = [number for number in order if BARE * least <= mean[number] < least]
-        kept = [*(number for number in order if mean[number] >= least), *thin[:MOST_BARE]]
-        return tuple(paths[number] for number in kept)
+    paths, weights = _listed(scene, glass, view)
+    mean = weights.mean(axis=1)
     return tuple(p for p, share in zip(paths, mean, strict=True) if share >= least)
 
 
-def bare_paths(scene, glass: Glass, view: Viewpoint) -> frozenset[optics.LightPath]:
-    """Those of a cup's kept paths that rays show, without copies: mirrors, and thin ones."""
-    paths, mean = _listed(scene, glass, view)
-    weights = dict(zip(paths, mean, strict=True))
+def thin_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
+    """Further paths of a cup, which rays show without copies: each fills a small part alone."""
     least = scene.refractive_glass.min_weight
-    return frozenset(
-        path
-        for path in kept_paths(scene, glass, view)
-        if "R" in path.events or weights[path] < least
-    )
+    paths, weights = _listed(scene, glass, view)
+    mean = weights.mean(axis=1)
+    order = np.argsort(-mean, kind="stable")
+    thick = [number for number in order if mean[number] >= least]
+    thin = [number for number in order if BARE * least <= mean[number] < least][:MOST_BARE]
+    if scene.refractive_glass.surface == "GLASS":
+        thin += _filling(weights, thick + thin)
+    return tuple(paths[number] for number in thin)
 
 
 def open_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, ...]:
@@ -78,9 +81,12 @@ def open_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, 
     begins = tuple(b for b in begins if _shows_contents(glass.description, medium, b))
     if settings.surface != "GLASS":
         begins = tuple(begin for begin in begins if "R" not in begin.events)
-    mean = _mean_weights(scene, glass, view, begins)
-    least = BARE * settings.min_weight if settings.surface != "GLASS" else settings.min_weight
-    return tuple(p for p, share in zip(begins, mean, strict=True) if share >= least)
+    mean = _coarse_weights(scene, glass, view, begins).mean(axis=1)
+    least = BARE * settings.min_weight
+    if settings.surface == "GLASS":
+        least = OPEN * settings.min_weight
+    order = np.argsort(-mean, kind="stable")[:MOST_OPEN]
+    return tuple(begins[number] for number in order if mean[number] >= least)
 
 
 def _shows_contents(description: AxialGlass, medium: int, begin: optics.LightPath) -> bool:
@@ -95,7 +101,7 @@ def _shows_contents(description: AxialGlass, medium: int, begin: optics.LightPat
 
 
 def _listed(scene, glass: Glass, view: Viewpoint):
-    """The paths that carry enough for some ray, and their mean weights over the glass's pixels."""
+    """The paths that carry enough for some ray, and their weights (P, M) over its pixels."""
     settings = scene.refractive_glass
     fresnel = settings.surface == "GLASS"
     stamp = (glass.stamp(), view.stamp(), settings.min_weight, fresnel)
@@ -108,20 +114,39 @@ def _listed(scene, glass: Glass, view: Viewpoint):
     )
     if not fresnel:
         paths = tuple(path for path in paths if "R" not in path.events)
-    mean = _mean_weights(scene, glass, view, paths)
-    memory_of(scene).paths[glass.key] = (stamp, paths, mean)
-    return paths, mean
+    weights = _coarse_weights(scene, glass, view, paths)
+    memory_of(scene).paths[glass.key] = (stamp, paths, weights)
+    return paths, weights
 
 
-def _mean_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
-    """Mean weights (P,) of paths over the glass's pixels."""
+def _filling(weights: np.ndarray, kept: list[int]) -> list[int]:
+    """Further paths, for rays of whose light kept ones bring less than half."""
+    added: list[int] = []
+    brought = weights[kept].sum(axis=0)
+    while len(added) < MOST_FILLING:
+        dark = brought < 0.5
+        if dark.mean() < DARK:
+            break
+        gain = weights[:, dark].sum(axis=1)
+        gain[kept + added] = 0.0
+        best = int(np.argmax(gain))
+        if gain[best] == 0.0:
+            break
+        added.append(best)
+        brought = brought + weights[best]
+    return added
+
+
+def _coarse_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
+    """Weights (P, M) of paths along rays spread over the glass's pixels."""
     x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
     finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
     size = tuple(max(1, round(n * finer)) for n in view.size)
     coarse = replace(view, size=size, window=(0, 0, *size))
     fresnel = scene.refractive_glass.surface == "GLASS"
     found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
-    return found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
+    weights = found.weights[:, found.hit]
+    return weights if weights.shape[1] else np.zeros((len(paths), 1))
 
 
 def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pane, Glass]]:

@@ -11,12 +11,15 @@ import numpy as np
 from .. import optics
 from .glasses import Glass, read_glasses, unbounded
 from .hull import first_face
+from .path_keys import path_key
 from .viewpoint import Viewpoint, read_viewpoint
 
 FILTER_WIDTH = 1.5
 """Width of the pixel filter (Blackman-Harris), as Cycles counts it and has it by default."""
 SUPPORT = 2.0 * FILTER_WIDTH
 """Pixels across which that filter is not zero: twice its width (Cycles, scene/film.cpp)."""
+ENOUGH = 0.7
+"""Part of the light that kept paths must bring for them to stand for all of it."""
 SUBSAMPLES = 24
 """Rays a side across the filter's support, in pixels where a region ends."""
 
@@ -55,6 +58,12 @@ class Regions:
         weights = self.weights[self.paths.index(path)].astype(float)
         total = weights.sum()
         return float((weights**2).sum() / total) if total > 0 else 0.0
+
+    def left_out(self) -> np.ndarray:
+        """(h, w) float32: the part of the light for which no kept path stands."""
+        complete = np.array([not path.open for path in self.paths], bool)
+        known = self.shares[complete].sum(axis=0)
+        return np.where(known > 0, np.clip(1.0 - known, 0.0, 1.0), 0.0).astype(np.float32)
 
     def full(self, values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         """One of the arrays above (..., h, w) placed in a picture of ``size``, zero elsewhere."""
@@ -98,6 +107,7 @@ def path_regions(
     fresnel: bool = True,
     exact: bool = False,
     smooth: bool = True,
+    bare: frozenset[optics.LightPath] = frozenset(),
 ) -> Regions:
     """The weights of ``paths`` for every pixel that the glass can cover.
 
@@ -107,6 +117,7 @@ def path_regions(
         refracts: 1 where the ray takes the path, and nothing along paths with a reflection.
     smooth : anti-alias where a region ends; else every pixel is what its centre's ray says.
     exact : find ``inside`` too (else it is all False): the weights do not need it.
+    bare : paths that are not anti-aliased: nobody looks at their weights, but for the sum.
     """
     rect = picture_rect(glass, view)
     x0, y0, x1, y1 = rect
@@ -121,7 +132,8 @@ def path_regions(
     taken = taken.reshape(len(taken), height, width)
 
     # The filter reaches beyond the next pixel.
-    border = border_pixels(np.concatenate((taken, hit[None])))
+    fine = np.array([path not in bare for path in paths], bool)
+    border = border_pixels(np.concatenate((taken[fine], hit[None])))
     border = border_pixels(border[None]) | border
     inside = np.zeros_like(taken)
     if exact and taken.size:
@@ -129,8 +141,14 @@ def path_regions(
         inside &= ~border_pixels(inside)
     if smooth:
         rows, columns = np.nonzero(border)
-        edge_weights, edge_cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
-        weights[:, rows, columns] = edge_weights
+        some = rays
+        if bare:
+            some = PathRays(glass, view, tuple(p for p in paths if p not in bare), fresnel)
+            total = weights[: len(paths)][rays.complete][:, rows, columns].sum(axis=0)
+            some.total = np.maximum(total, ENOUGH) if fresnel else np.ones(len(rows))
+        edge_weights, edge_cover = some.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
+        changed = np.flatnonzero(np.concatenate((fine, fine)))
+        weights[changed[:, None], rows, columns] = edge_weights
         known = hit.copy()
         known[rows, columns] = edge_cover > 0
         _spread(weights, known)
@@ -143,6 +161,9 @@ class PathRays:
 
     def __init__(self, glass: Glass, view: Viewpoint, paths, fresnel: bool) -> None:
         self.glass, self.view, self.paths, self.fresnel = glass, view, paths, fresnel
+        self.named = any(path.interfaces is not None for path in paths)
+        self.total = None
+        """(M,) by which filtered weights are divided, where other paths count too."""
         self.complete = np.array([not p.open for p in paths], bool)
         self.refracting = np.array(["R" not in p.events for p in paths], bool)
 
@@ -162,10 +183,16 @@ class PathRays:
         return found, hit, taken
 
     def shared(self, weights: np.ndarray) -> np.ndarray:
-        """(P, M) weights that sum to one: what other paths bring is shared out among these."""
+        """(P, M) weights that sum to one: what other paths bring is shared out among these.
+
+        Of glasses with dozens of paths, rays may be met that hardly take any of these: there they
+        sum to less.
+        """
         if not self.fresnel:
             return weights
         total = weights[self.complete].sum(axis=0)
+        if self.named:
+            total = np.maximum(total, ENOUGH)
         return weights / np.where(total > 0, total, 1.0)
 
     def transmittance(self, path: optics.LightPath, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -207,7 +234,10 @@ class PathRays:
         dx, dy = _filter_places()
         found, hit, _ = self.weights((x[:, None] + dx).ravel(), (y[:, None] + dy).ravel())
         hit = hit.reshape(len(x), len(dx))
-        found = np.concatenate((found, self.shared(found))).reshape(-1, *hit.shape)
+        shares = found if self.total is not None else self.shared(found)
+        found = np.concatenate((found, shares)).reshape(-1, *hit.shape)
+        if self.total is not None:
+            found[len(self.paths) :] /= self.total[:, None]
         apart = np.hypot(dx[:, None] - dx, dy[:, None] - dy)
         mixed = np.flatnonzero(hit.any(axis=1) & ~hit.all(axis=1))
         nearest = np.where(hit[mixed, None, :], apart, np.inf).argmin(axis=2)
@@ -300,6 +330,41 @@ def _spread(weights: np.ndarray, known: np.ndarray, steps: int = 3) -> None:
         known |= reached
 
 
+def left_out_pixels(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, kept: tuple[optics.LightPath, ...]
+) -> float:
+    """The part of the glasses' pixels of whose light kept paths bring less than half.
+
+    With surfaces that only refract: whose ray takes a path, but none of these.
+    """
+    view = read_viewpoint(scene, depsgraph)
+    fresnel = scene.refractive_glass.surface == "GLASS"
+    count = left_out = 0
+    for glass in read_glasses(depsgraph):
+        names = {part.name for part in getattr(glass.description, "interfaces", ())}
+        paths = tuple(
+            path
+            for path in kept
+            if not path.open
+            and (path.interfaces is not None) == bool(names)
+            and names.issuperset(path.interfaces or ())
+        )
+        if not fresnel:
+            listed = optics.light_paths(glass.description, view.eye_for(glass))
+            through = [path for path in listed if "R" not in path.events]
+            paths = tuple(dict.fromkeys((*paths, *through)))
+        found = path_regions(glass, view, paths, fresnel=fresnel, smooth=False)
+        weights = found.weights[:, found.hit]
+        brought = weights[[path in kept for path in paths]].sum(axis=0)
+        missing = brought < 0.5 if fresnel else (brought == 0.0) & weights.any(axis=0)
+        count, left_out = count + missing.size, left_out + int(missing.sum())
+    return left_out / max(1, count)
+
+
+MOST_MASKS = 12
+"""Of glasses whose paths name their interfaces, so many paths get a mask, the brightest."""
+
+
 def region_masks(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, min_weight: float | None = None
 ) -> dict[str, np.ndarray]:
@@ -307,7 +372,7 @@ def region_masks(
 
     Returns
     -------
-    dict : path events -> (H, W) bool, bottom row first; ``""`` holds the pixels beside all glasses.
+    dict : path key -> (H, W) bool, bottom row first; ``""`` holds the pixels beside all glasses.
     """
     view = read_viewpoint(scene, depsgraph)
     width, height = view.size
@@ -316,12 +381,16 @@ def region_masks(
     for glass in read_glasses(depsgraph):
         weight = scene.refractive_glass.min_weight if min_weight is None else min_weight
         paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=weight)
+        named = bool(paths) and paths[0].interfaces is not None
+        if named:
+            paths = paths[:MOST_MASKS]
         found = path_regions(glass, view, paths, exact=True)
         cover = np.zeros((height, width), bool)
-        cover |= found.full(found.weights.sum(axis=0) > 0, view.size)
+        covered = found.hit if named else found.weights.sum(axis=0) > 0
+        cover |= found.full(covered, view.size)
         beside &= ~cover
         for path, inside in zip(found.paths, found.inside, strict=True):
-            mask = masks.setdefault(path.events, np.zeros((height, width), bool))
+            mask = masks.setdefault(path_key(path), np.zeros((height, width), bool))
             mask |= found.full(inside, view.size)
     masks[""] = beside
     return masks

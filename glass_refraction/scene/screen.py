@@ -29,6 +29,9 @@ TOLERANCE_PX = 0.25
 WEIGHT_TOLERANCE = 0.003
 """Largest error of interpolated weights."""
 
+FAINT = 0.02
+"""Weight below which the end of a path is not looked at, where there are dozens of paths."""
+
 _MARGIN = 2 * FINEST  # steps outwards: what the pixel filter reaches of a half covered pixel
 _SKIN = 1e-4  # of its height: how far above its lower end a glass's rays are let out at the lowest
 
@@ -158,7 +161,9 @@ class _Samples:
 def _split(samples: _Samples, regions: Regions, view: Viewpoint):
     """The cells' corners (C, 4, 2) on the lattice, size by size."""
     x0, y0, x1, y1 = regions.rect
-    border = border_pixels(np.concatenate((regions.weights > 0, regions.hit[None])))
+    named = any(path.interfaces is not None for path in regions.paths)
+    counts = regions.weights > (FAINT if named else 0.0)
+    border = border_pixels(np.concatenate((counts, regions.hit[None])))
     summed = np.pad(border.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     size = COARSEST * FINEST
     x, y = np.meshgrid(
@@ -174,7 +179,7 @@ def _split(samples: _Samples, regions: Regions, view: Viewpoint):
             return
         middle = low + size // 2
         found = samples.at(np.concatenate((_key(corners).ravel(), _key(middle))))
-        rough = _is_rough(found, len(low), view)
+        rough = _is_rough(found, len(low), view, named)
         if size > FINEST:
             rough |= _holds(summed, low // FINEST - BEYOND, size // FINEST)
         yield corners[~rough]
@@ -191,9 +196,11 @@ def _holds(summed: np.ndarray, low: np.ndarray, size: int) -> np.ndarray:
     return summed[d, c] - summed[b, c] - summed[d, a] + summed[b, a] > 0
 
 
-def _is_rough(found, count: int, view: Viewpoint) -> np.ndarray:
+def _is_rough(found, count: int, view: Viewpoint, named: bool) -> np.ndarray:
     """Which cells must be split, from what the rays at their corners and middles do."""
     weights, hit, taken, origins, directions = found
+    if named:
+        taken = taken & (weights > FAINT)
     labels = np.concatenate((taken, hit[None]))
     around, middle = labels[:, : 4 * count].reshape(-1, count, 4), labels[:, 4 * count :]
     mixed = np.any(around != middle[..., None], axis=(0, 2))
@@ -210,7 +217,8 @@ def _is_rough(found, count: int, view: Viewpoint) -> np.ndarray:
     if view.is_parallel:
         off = gap(directions) * max(view.size) + gap(origins) * view.focal_px
     worst = (weights[:, 4 * count :] * off).max(axis=0, initial=0.0)
-    return mixed | (worst > TOLERANCE_PX) | (gap(weights[..., None]) > WEIGHT_TOLERANCE).any(axis=0)
+    uneven = gap(weights[..., None]) > (FAINT if named else WEIGHT_TOLERANCE)
+    return mixed | (worst > TOLERANCE_PX) | uneven.any(axis=0)
 
 
 def _spread(values: np.ndarray, known: np.ndarray, cells: np.ndarray) -> None:

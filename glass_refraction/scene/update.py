@@ -52,7 +52,7 @@ from .memory import Memory, Status, Step, counters, forget, memory_of, status
 from .modifier_inputs import write_input
 from .motion_blur import frame_time, keep_moment
 from .names import RefractiveGlassError
-from .panes import bare_paths, kept_paths, open_paths, standing_panes
+from .panes import kept_paths, open_paths, standing_panes, thin_paths
 from .path_keys import path_key
 from .regions import Regions, path_regions, picture_rect
 from .screen import build_screen
@@ -168,10 +168,12 @@ def prepare(
         for banded, paths in kept:
             bare: frozenset = frozenset()
             if isinstance(glass.description, AxialGlass):
+                if shows_objects(surroundings(scene, effective_shading(scene))):
+                    thin = thin_paths(scene, banded, view)
+                    bare = frozenset((*thin, *(path for path in paths if "R" in path.events)))
+                    paths += thin
                 if contents:
                     paths += open_paths(scene, banded, view)
-                if shows_objects(surroundings(scene, effective_shading(scene))):
-                    bare = bare_paths(scene, banded, view)
             bands.append(Pane(obj, paths, seen, contents, bare, banded.band))
     # Each glass goes over those behind it.
     nearness.sort(key=lambda pair: -pair[0])
@@ -371,7 +373,7 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
     known = memory.regions.get(pane.key)
     if known is not None and known[0] == stamp:
         return known[1]
-    regions = path_regions(glass, view, pane.paths, fresnel=fresnel)
+    regions = path_regions(glass, view, pane.paths, fresnel=fresnel, bare=pane.bare)
     counters["masks"] += 1
     counters["mask_pixels"] += regions.hit.size
     write_weights(scene, pane, glass, regions, view)
@@ -440,7 +442,15 @@ class _Task:
                         shape = search.exactly(source, before, self._of_last_band(key))
                     else:
                         shape = search.live(source, before)
-                    write_copy(copy, source, shape, self.view, looked_up=looked_up, before=before)
+                    write_copy(
+                        copy,
+                        source,
+                        shape,
+                        self.view,
+                        looked_up=looked_up,
+                        held=self.path.open,
+                        before=before,
+                    )
                     counters["solves"] += 1
                     counters["copies"] += 1
                     self.memory.copies[key] = (outer, source, shape)

@@ -14,11 +14,11 @@ from .presets import PRESETS
 
 _SHAPE_ICONS = {
     "SLAB": "MESH_PLANE",
-    "TUMBLER": "MESH_CYLINDER",
     "CYLINDER": "MESH_CYLINDER",
     "ROD": "MESH_CYLINDER",
     "SPHERE": "MESH_UVSPHERE",
     "TUMBLER": "MESH_CYLINDER",
+    "REVOLUTION": "CURVE_DATA",
 }
 
 

@@ -17,6 +17,7 @@ from ..scene.glasses import glass_modifier
 from ..scene.materials import glass_material
 from ..scene.modifier_inputs import write_input
 from ..scene.names import MODIFIER, RefractiveGlassError, load_group, own
+from ..scene.profile_curves import wine_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 
 SHAPES = (
@@ -25,6 +26,11 @@ SHAPES = (
     ("ROD", "Rod", "A solid cylinder"),
     ("SPHERE", "Sphere", "A hollow ball, or a solid one with wall thickness 0"),
     ("TUMBLER", "Tumbler", "A drinking glass with a bottom, filled up to a level"),
+    (
+        "REVOLUTION",
+        "Revolution",
+        "A profile curve turned about the upright axis: a wine glass, a carafe, a lens",
+    ),
 )
 
 HIGH = {"CYLINDER", "ROD", "TUMBLER"}
@@ -84,12 +90,17 @@ class GlassProperties:
     )
     liquid_level: bpy.props.FloatProperty(
         name="Liquid Level",
-        description="Height of the liquid above a tumbler's inner bottom; 0: empty",
+        description="Height of the liquid above the lowest point inside; 0: empty",
         default=0.0,
         min=0.0,
         subtype="DISTANCE",
         unit="LENGTH",
         precision=4,
+    )
+    profile: bpy.props.StringProperty(
+        name="Profile",
+        description="Name of the curve object that is turned: x is the radius, z the height; its "
+        "first spline is the outside, its second the inside. Empty: a wine glass is made",
     )
     ior: bpy.props.FloatProperty(
         name="IOR",
@@ -134,9 +145,13 @@ class GlassProperties:
     def problem(self) -> str | None:
         """What is wrong with the values, as one line, or None."""
         lengths = {}
-        if self.shape != "SLAB" or self.makes_outline:
+        turned = self.shape == "REVOLUTION"
+        curve = bpy.data.objects.get(self.profile)
+        if turned and self.profile and (curve is None or curve.type != "CURVE"):
+            return _rpt('"{}" is no curve object: choose one as the profile').format(self.profile)
+        if not turned and (self.shape != "SLAB" or self.makes_outline):
             lengths["Radius"] = self.radius
-        if self.shape != "ROD":
+        if self.shape != "ROD" and not turned:
             lengths["Wall thickness"] = self.wall_thickness
         if self.shape in HIGH:
             lengths["Height"] = self.height
@@ -185,6 +200,9 @@ class GlassProperties:
             ("Material", glass_material(self.ior)),
         ):
             write_input(modifier, socket, value)
+        if self.shape == "REVOLUTION":
+            profile = bpy.data.objects.get(self.profile) or wine_profile(obj)
+            write_input(modifier, "Profile", profile)
 
     def draw(self, _context: bpy.types.Context) -> None:
         """The redo panel: only what the shape uses."""
@@ -193,9 +211,13 @@ class GlassProperties:
         layout.use_property_decorate = False
         layout.prop(self, "shape")
         column = layout.column(align=True)
-        if self.shape != "SLAB" or self.makes_outline:
+        turned = self.shape == "REVOLUTION"
+        if turned:
+            column.prop_search(self, "profile", bpy.data, "objects")
+            column.prop(self, "liquid_level")
+        elif self.shape != "SLAB" or self.makes_outline:
             column.prop(self, "radius")
-        if self.shape != "ROD":
+        if self.shape != "ROD" and not turned:
             column.prop(self, "wall_thickness")
         if self.shape in HIGH:
             column.prop(self, "height")

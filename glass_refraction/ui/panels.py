@@ -28,15 +28,26 @@ _SIZES = {
     "Rod": ("Radius", "Height"),
     "Sphere": ("Radius", "Wall Thickness"),
     "Tumbler": ("Radius", "Wall Thickness", "Height", "Bottom Thickness", "Liquid Level"),
+    "Revolution": ("Profile", "Liquid Level"),
 }
-_CONTENTS = {"Slab": "Behind", "Cylinder": "Contents", "Sphere": "Contents", "Tumbler": "Liquid"}
+_CONTENTS = {
+    "Slab": "Behind",
+    "Cylinder": "Contents",
+    "Sphere": "Contents",
+    "Tumbler": "Liquid",
+    "Revolution": "Liquid",
+}
 _DISPLAY = ("Segments", "Material")
 _ARRANGED = {
     *(name for names in _SIZES.values() for name in names),
     *("Shape", "IOR", "Contents IOR", "Seen Through"),
     *_DISPLAY,
 }
-_LISTS = {"NodeSocketCollection": "collections", "NodeSocketMaterial": "materials"}
+_LISTS = {
+    "NodeSocketObject": "objects",
+    "NodeSocketCollection": "collections",
+    "NodeSocketMaterial": "materials",
+}
 
 
 def draw_input(

@@ -287,7 +287,7 @@ def test_weights_are_fresnels_and_sum_to_one(eye):
         expected = np.zeros(len(directions))
         expected[taken] = share
         np.testing.assert_allclose(weight, expected, atol=1e-10)
-    # No light is lost but on rays that meet the rim or are caught in the wall.
+    # No light is lost but on rays that are caught in the wall.
     assert np.median(rest) < 0.02
     # Events without interfaces stand for all the ways that have them.
     for events in ("TTTT", "R"):
@@ -374,7 +374,7 @@ def test_ior_one_changes_nothing():
         for slot, valid in enumerate(apparent.valid):
             np.testing.assert_allclose(apparent.position[slot, valid], points[valid], atol=1e-9)
             np.testing.assert_allclose(apparent.distance[slot, valid], distance[valid], atol=1e-9)
-    # What lies behind the rim has no path; in front there is the direct view.
+    # In front there is the direct view.
     assert np.isin(seen, (0, 1)).mean() > 0.97 and seen.max() < 8
     assert (seen > 0).mean() > 0.1
 

@@ -6,7 +6,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from glass_refraction.optics import CylinderGlass, FlatGlass, SphereGlass
+from glass_refraction.optics import (
+    CylinderGlass,
+    FlatGlass,
+    RevolutionGlass,
+    SphereGlass,
+    Tumbler,
+)
 from glass_refraction.reference.glass_mesh import glass_surfaces
 
 ANGLE = np.arange(10) * np.pi / 5
@@ -24,6 +30,14 @@ BOWL = SphereGlass((0.15, 0.147), (1.5, 1.333))
 SLAB = FlatGlass((0.01,), (1.5,), outline=PANE)
 STAR_SLAB = FlatGlass((0.2,), (1.5,), outline=STAR)
 LAMINATE = FlatGlass((0.01, 0.002), (1.5, 1.7), outline=STAR[::-1])
+CUP = Tumbler(0.036, 0.0025, 0.11, 0.007, 1.5, 1.333, level=0.065)
+FULL_CUP = Tumbler(0.036, 0.0025, 0.11, 0.007, 1.5, 1.333, level=0.103)
+EMPTY_CUP = Tumbler(0.036, 0.0025, 0.11, 0.007, 1.5)
+GOBLET = RevolutionGlass(
+    [(0, 0), (0.02, 0.004), (0.033, 0.03), (0.036, 0.07), (0.035, 0.11)],
+    [(0, 0.008), (0.018, 0.012), (0.030, 0.034), (0.033, 0.07), (0.033, 0.11)],
+    level=0.04,
+)
 
 
 def area(outline):
@@ -74,6 +88,11 @@ BODIES = [
     (ROD, 1.5, 0.02**2 * 0.1 * polygon(64)),
     (SLAB, 1.5, area(PANE) * 0.01),
     (STAR_SLAB, 1.5, area(STAR) * 0.2),
+    (CUP, 1.5, (0.036**2 * 0.11 - 0.0335**2 * 0.103) * polygon(64)),
+    (CUP, 1.333, 0.0335**2 * 0.065 * polygon(64)),
+    (FULL_CUP, 1.5, (0.036**2 * 0.11 - 0.0335**2 * 0.103) * polygon(64)),
+    (FULL_CUP, 1.333, 0.0335**2 * 0.103 * polygon(64)),
+    (EMPTY_CUP, 1.5, (0.036**2 * 0.11 - 0.0335**2 * 0.103) * polygon(64)),
     (LAMINATE, 1.5, area(STAR) * 0.01),
     (LAMINATE, 1.7, area(STAR) * 0.002),
     (BOWL, 1.5, None),
@@ -97,6 +116,30 @@ def test_every_medium_is_enclosed_and_faces_look_out_of_it(glass, ior, expected)
         assert measured == pytest.approx(expected, rel=0.01)
     else:
         assert measured == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("ior", [1.5, 1.333])
+def test_media_of_a_turned_profile_are_enclosed(ior):
+    joined, positions = boundary(GOBLET, ior, segments=64)
+    edges = Counter(
+        (a, b) for f in joined for a, b in zip(f.tolist(), np.roll(f, -1).tolist(), strict=True)
+    )
+    assert max(edges.values()) == 1
+    assert all((b, a) in edges for a, b in edges)
+    assert volume(joined, positions) > 0
+
+
+@pytest.mark.parametrize("glass", [CUP, FULL_CUP, GOBLET])
+def test_interfaces_know_their_media_and_normals_look_to_the_front(glass):
+    for s, interface in zip(glass_surfaces(glass, segments=64), glass.interfaces, strict=True):
+        assert (s.name, s.media) == (interface.name, (interface.front, interface.back))
+        assert (s.ior_outside, s.ior_inside) == tuple(glass.media[m] for m in s.media)
+        assert np.linalg.norm(s.normals, axis=1) == pytest.approx(1, abs=1e-12)
+        starts = np.cumsum(s.sizes) - s.sizes
+        for start, face in zip(starts, faces(s), strict=True):
+            p = s.vertices[face]
+            winding = np.cross(p, np.roll(p, -1, axis=0)).sum(axis=0)
+            assert winding @ s.normals[start] > 0
 
 
 @pytest.mark.parametrize("glass", [TUBE, FILLED, NESTED, ROD, BOWL, SLAB, STAR_SLAB, LAMINATE])

@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A tumbler in Blender: description, outline, regions, copies and picture, by whole light paths."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
+
+from glass_refraction import optics
+from glass_refraction.reference.cycles import render_reference
+from glass_refraction.scene.glasses import glass_modifier, read_glasses
+from glass_refraction.scene.hull import faces_eye, first_face
+from glass_refraction.scene.modifier_inputs import write_input
+from glass_refraction.scene.names import RefractiveGlassError
+from glass_refraction.scene.panes import kept_paths, open_paths, thin_paths
+from glass_refraction.scene.path_keys import path_key, path_of, short_key
+from glass_refraction.scene.regions import path_regions
+from glass_refraction.scene.update import find_layers, memory_of, prepare, source_of, update
+from glass_refraction.scene.viewpoint import read_viewpoint
+
+SIZES = {
+    "radius": 0.036,
+    "wall_thickness": 0.0025,
+    "height": 0.11,
+    "bottom_thickness": 0.007,
+    "liquid_level": 0.065,
+    "contents_ior": 1.333,
+}
+LOW, HIGH = (0.02, -0.33, 0.05), (0.02, -0.24, 0.26)
+
+
+def _scene(eye=LOW, **values):
+    camera = scenes.camera(location=eye, lens=60.0)
+    target = np.array((0.0, 0.0, 0.06))
+    camera.rotation_euler = Vector(target - eye).to_track_quat("-Z", "Y").to_euler()
+    scenes.striped_wall(0.2)
+    return scenes.glass(shape="TUMBLER", **{**SIZES, **values})
+
+
+def _rod():
+    """A leaning rod that stands across the surface of the liquid."""
+    bpy.ops.mesh.primitive_cylinder_add(vertices=12, radius=0.004, depth=0.12)
+    rod = bpy.context.object
+    rod.location, rod.rotation_euler.y = (0.0, 0.0, 0.075), 0.3
+    rod.data.materials.append(scenes.emissive("rod", (0.9, 0.5, 0.1)))
+    return rod
+
+
+def _glass_and_view(scene):
+    depsgraph = scenes.depsgraph()
+    return read_glasses(depsgraph)[0], read_viewpoint(scene, depsgraph)
+
+
+def test_the_modifier_describes_the_tumbler():
+    obj = _scene()
+    obj.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    found = read_glasses(scenes.depsgraph())[0].description
+    assert isinstance(found, optics.Tumbler)
+    np.testing.assert_allclose(
+        [found.radius, found.wall, found.height, found.bottom, found.level, found.liquid_ior],
+        [0.072, 0.005, 0.22, 0.014, 0.13, 1.333],
+        rtol=1e-6,
+    )
+
+
+@pytest.mark.parametrize(("level", "expected"), [(0.0, 0.0), (0.05, 0.05), (1.0, 0.103)])
+def test_more_than_full_is_full(level, expected):
+    _scene(liquid_level=level)
+    found = read_glasses(scenes.depsgraph())[0].description
+    assert found.level == pytest.approx(expected, abs=1e-7)
+
+
+def test_impossible_sizes_are_named():
+    obj = _scene()
+    write_input(glass_modifier(obj), "Bottom Thickness", 0.2)
+    bpy.context.view_layer.update()
+    with pytest.raises(RefractiveGlassError, match="bottom thickness"):
+        read_glasses(scenes.depsgraph())
+
+
+@pytest.mark.parametrize("path", ["TT", "", "TRT"])
+def test_keys_of_plain_paths_are_their_events(path):
+    assert path_key(optics.LightPath(path)) == path == short_key(optics.LightPath(path))
+    assert path_of(path) == optics.LightPath(path)
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_keys_tell_paths_apart_and_back(is_open):
+    glass = optics.Tumbler(0.036, 0.0025, 0.11, 0.007, level=0.065)
+    paths = optics.light_paths(glass, (0.0, -0.3, 0.1), min_weight=0.1)
+    paths = [optics.LightPath(p.events, p.interfaces, is_open) for p in paths]
+    assert [path_of(path_key(path)) for path in paths] == paths
+    assert len({short_key(path) for path in paths}) == len(paths)
+
+
+@pytest.mark.parametrize("eye", [LOW, HIGH, (0.0, 0.0, 0.4)])
+def test_the_outline_is_what_rays_meet(eye):
+    """Rays meet the mesh's front just where the optics say that they meet the glass."""
+    _scene(eye)
+    glass, view = _glass_and_view(scenes.settings())
+    local = view.eye_for(glass)
+    vertices, faces = first_face(glass, local)
+    faces = faces[faces_eye(vertices, faces, local)]
+    tree = BVHTree.FromPolygons(vertices.tolist(), faces.tolist())
+    rng = np.random.default_rng(3)
+    aim = rng.uniform((-0.05, -0.05, -0.02), (0.05, 0.05, 0.13), (2000, 3))
+    directions = aim - local
+    missed, _ = optics.path_weights(glass.description, local, directions, [optics.LightPath("")])
+    met = [tree.ray_cast(Vector(local), Vector(d))[0] is not None for d in directions]
+    # The mesh's facets leave out a sliver at the verge.
+    assert (np.array(met) == (missed[0] < 0.5)).mean() > 0.995
+
+
+@pytest.mark.parametrize(("eye", "most"), [(LOW, 0.02), (HIGH, 0.03)])
+def test_shares_are_the_light_and_little_is_left_out(eye, most):
+    """From above some rays are caught in the wall under the rim for good."""
+    _scene(eye)
+    _rod()
+    scene = scenes.settings(120, 90)
+    glass, view = _glass_and_view(scene)
+    thick, thin = kept_paths(scene, glass, view), thin_paths(scene, glass, view)
+    begins = open_paths(scene, glass, view)
+    assert begins and all(begin.open for begin in begins) and not set(thick) & set(thin)
+    assert any("R" not in path.events for path in thick)
+    paths = thick + thin
+    found = path_regions(glass, view, paths + begins, smooth=False)
+    complete = found.shares[: len(paths), found.hit]
+    assert complete.sum(axis=0).max() < 1.0 + 1e-5
+    assert (complete.sum(axis=0) < 0.5).mean() < most
+    # What is seen along an open path is all of the light that arrives so far.
+    for number, begin in enumerate(begins):
+        rows, columns = np.nonzero(found.hit)
+        at, rays = view.rays_in(glass, found.rect[0] + columns + 0.5, found.rect[1] + rows + 0.5)
+        listed = optics.light_paths(glass.description, view.eye_for(glass))
+        along = [path for path in listed if begin.begins(path)]
+        parts, _ = optics.path_weights(glass.description, at, rays, along)
+        assert (found.weights[len(paths) + number, rows, columns] > parts.sum(axis=0) - 1e-5).all()
+
+
+def test_copies_trace_back_to_the_points():
+    _scene()
+    rod = _rod()
+    scene = scenes.settings(surface="REFRACTION", shading="DISPLACED")
+    prepare(scene, scenes.depsgraph())
+    update(scene, scenes.depsgraph(), exact=True)
+    glass, view = _glass_and_view(scene)
+    layers = find_layers(scene)
+    checked = 0
+    for key, (_, _, shape) in memory_of(scene).copies.items():
+        path = path_of(key[1])
+        if not path.open or shape.images is None or source_of(layers.copies()[key]) != rod:
+            continue
+        points = glass.to_local(shape.triangles.points)
+        for position, valid in zip(shape.images.position, shape.images.valid, strict=True):
+            eye = view.eye_for(glass)
+            ray = optics.trace(glass.description, eye, glass.to_local(position[valid]) - eye, path)
+            assert ray.valid.mean() > 0.99
+            away = points[valid] - ray.origin
+            ahead = np.sum(away * ray.direction, axis=1)
+            off = np.linalg.norm(away - ahead[:, None] * ray.direction, axis=1)[ray.valid]
+            # A tenth of the tolerance, in metres at the rod.
+            assert (off < 0.1 * 0.25 / view.focal_px * 0.5).mean() > 0.99
+            checked += int(valid.sum())
+    assert checked > 50
+
+
+def test_the_picture_is_that_of_real_glass(tmp_path):
+    _scene(HIGH)
+    _rod()
+    scene = scenes.settings(80, 80, samples=16, surface="REFRACTION", shading="DISPLACED")
+    found = scenes.picture(scene, tmp_path)
+    reference = render_reference(scene, surface="REFRACTION")
+    glass, view = _glass_and_view(scene)
+    regions = path_regions(glass, view, (optics.LightPath(""),), smooth=False)
+    inside = regions.full(regions.hit, view.size)
+    gap = np.clip(found, 0, 1)[inside, :3] - np.clip(reference, 0, 1)[inside, :3]
+    # Small pixels and few samples: most of it is the reference's noise along edges.
+    assert -10 * np.log10(np.mean(gap**2)) > 22.0
