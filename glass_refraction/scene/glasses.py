@@ -95,7 +95,7 @@ class Glass:
         if isinstance(description, optics.FlatGlass):
             layers = tuple(ior(medium, glass) for medium in description.ior)
             seen = replace(description, ior=layers, ior_below=ior(description.ior_below, contents))
-        elif isinstance(description, optics.Tumbler):
+        elif isinstance(description, AxialGlass):
             media = ior(description.ior, glass), ior(description.liquid_ior, contents)
             seen = replace(description, ior=media[0], liquid_ior=media[1])
         else:
