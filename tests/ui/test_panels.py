@@ -95,7 +95,7 @@ def test_a_glass_shows_what_its_shape_uses(shape, there, missing):
 
 def test_every_input_of_the_modifier_is_drawn_for_some_shape():
     drawn = set()
-    for shape in ("SLAB", "CYLINDER", "ROD", "SPHERE", "TUMBLER"):
+    for shape in ("SLAB", "CYLINDER", "ROD", "SPHERE", "TUMBLER", "REVOLUTION"):
         obj = _glass(shape=shape)
         drawn |= set(_drawn(panels.OBJECT_PT_refractive_glass))
     for item in glass_modifier(obj).node_group.interface.items_tree:
