@@ -82,8 +82,13 @@ def _serve() -> float | None:
 
 def _prepare(scene: bpy.types.Scene) -> None:
     """Prepare a scene; what is wrong with it ends in its status, for the panel."""
+    if scene.library is not None:
+        return
     depsgraph = scene.view_layers[0].depsgraph
-    if depsgraph is None or scene.library is not None:
+    if depsgraph is None:
+        # Nobody looks at it; an undone deletion may have brought it back with what stood for it.
+        if not _rendering:
+            door.withdraw(scene)
         return
     try:
         door.prepare(scene, depsgraph, rendering=_rendering)

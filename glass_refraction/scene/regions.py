@@ -235,7 +235,8 @@ class PathRays:
         found, hit, _ = self.weights((x[:, None] + dx).ravel(), (y[:, None] + dy).ravel())
         hit = hit.reshape(len(x), len(dx))
         shares = found if self.total is not None else self.shared(found)
-        found = np.concatenate((found, shares)).reshape(-1, *hit.shape)
+        found = np.concatenate((found, shares))
+        found = found.reshape(len(found), *hit.shape)
         if self.total is not None:
             found[len(self.paths) :] /= self.total[:, None]
         apart = np.hypot(dx[:, None] - dx, dy[:, None] - dy)

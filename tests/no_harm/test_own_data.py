@@ -416,3 +416,20 @@ def test_appended_and_linked_glasses_bring_no_own_data(scene, tmp_path):
         problems = door.status(here).problems
         assert (find_layers(here) is None) == link
         assert ("make it local" in " ".join(problems)) == link
+
+
+def test_a_scene_that_undo_brought_back_unseen_holds_nothing(scene):
+    """What stood for it would keep alive what is deleted, and nothing would look after it."""
+    _prepare(scene)
+    name = scene.name
+    bpy.context.window_manager.windows[0].scene = bpy.data.scenes.new("Other")
+    bpy.ops.ed.undo_push(message="Other")
+    bpy.data.scenes.remove(scene)
+    bpy.ops.ed.undo_push(message="Removed")
+    assert bpy.ops.ed.undo() == {"FINISHED"}
+    scene = bpy.data.scenes[name]
+    assert bpy.context.scene != scene
+    assert scene.view_layers[0].depsgraph is None
+    assert _own_blocks("scenes")
+    _prepare(scene)
+    assert _own_blocks() == []

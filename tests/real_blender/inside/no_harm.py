@@ -22,6 +22,8 @@ import bpy
 
 TAG = "refractive_glass"
 GLASS = "Refractive Glass"
+PICTURES = {"Render Result", "Viewer Node"}
+"""Images that a render writes into: the walks' pictures differ."""
 OF_A_GLASS = {"glass", "shadow"}
 """Roles of what belongs to a glass and goes where it goes."""
 MOST_OBJECTS, MOST_GLASSES, MOST_SCENES, MOST_RENDERS = 8, 3, 3, 2
@@ -250,7 +252,7 @@ def users_data(whole, full=False):
     found = {}
     for kind in KINDS:
         for block in getattr(bpy.data, kind):
-            if own(block) or kind == "libraries" or block.name == "Render Result":
+            if own(block) or kind == "libraries" or block.name in PICTURES:
                 continue
             lines = _dump_block(block, whole)
             found[f"{kind} {block.name_full}"] = (
