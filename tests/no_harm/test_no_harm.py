@@ -8,7 +8,6 @@ import importlib.util
 from pathlib import Path
 
 import bpy
-import pytest
 
 import glass_refraction
 
@@ -27,7 +26,6 @@ def _fresh():
         glass_refraction.register()
 
 
-@pytest.mark.slow
 def test_what_the_user_has_stays_the_users(tmp_path):
     did = no_harm.compare(FIXED, STEPS, tmp_path, _fresh)
     assert did["compared"] > STEPS / 2

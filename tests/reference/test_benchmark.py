@@ -295,4 +295,6 @@ def test_bad_arguments(tmp_path, capfd):
     out = str(tmp_path / "out")
     assert "no part 'speed'" in _one_line(capfd, "-o", out, "--only", "speed")
     assert "--seed" in _one_line(capfd, "-o", out, "--seed", "-1")
-    assert "no such file" in _one_line(capfd, "-o", out, "--scenes", str(tmp_path / "no.blend"))
+    assert "no such .blend file" in _one_line(
+        capfd, "-o", out, "--scenes", str(tmp_path / "no.blend")
+    )

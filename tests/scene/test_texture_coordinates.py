@@ -43,8 +43,9 @@ def scene():
     own_scene = bpy.data.scenes.new("Own")
     set_up(own_scene)
     own_scene.camera.location += Vector(MOVED)
+    before = list(bpy.app.handlers.frame_change_post)
     yield scene
-    bpy.app.handlers.frame_change_post.clear()
+    bpy.app.handlers.frame_change_post[:] = before
 
 
 def set_up(scene):
