@@ -282,26 +282,11 @@ def _lathe(b: TreeBuilder, segments, radii, heights):
     column = b.math("FLOOR", b.math("DIVIDE", b.math("ADD", index, 0.5), float(count)))
     angle = b.math("MULTIPLY", b.math("DIVIDE", column, segments), 6.283185307179586)
 
-    def along_profile(values):
-        node = b.node("IndexSwitch", data_type="FLOAT")
-        while len(node.index_switch_items) < count:
-            node.index_switch_items.new()
-        b.link(row, node.inputs["Index"])
-        for slot, value in enumerate(values):
-            b.link(value, node.inputs[slot + 1])
-        return node.outputs[0]
-
-    r = along_profile(radii)
-    z = along_profile(heights)
-    place = b.node("ShaderNodeCombineXYZ")
-    b.link(b.math("MULTIPLY", r, b.math("COSINE", angle)), place.inputs[0])
-    b.link(b.math("MULTIPLY", r, b.math("SINE", angle)), place.inputs[1])
-    b.link(z, place.inputs[2])
-    move = b.node("SetPosition")
-    b.link(grid.outputs["Mesh"], move.inputs["Geometry"])
-    b.link(place.outputs[0], move.inputs["Position"])
+    r = b.choice("FLOAT", row, radii)
+    z = b.choice("FLOAT", row, heights)
+    placed = _placed(b, grid.outputs["Mesh"], r, z, angle)
     merge = b.node("MergeByDistance")
-    b.link(move.outputs[0], merge.inputs["Geometry"])
+    b.link(placed, merge.inputs["Geometry"])
     b.link(b.math("MULTIPLY", radii[1], 1e-6), merge.inputs["Distance"])
     return _smooth_but_rims(b, merge.outputs[0])
 
@@ -359,17 +344,23 @@ def _turned(b: TreeBuilder, profile, segments):
     sweep = b.node("CurveToMesh")
     b.link(ring, sweep.inputs["Curve"])
     b.link(curve, sweep.inputs["Profile Curve"])
-    position = b.node("ShaderNodeCombineXYZ")
-    b.link(b.math("MULTIPLY", radius, b.math("COSINE", angle)), position.inputs[0])
-    b.link(b.math("MULTIPLY", radius, b.math("SINE", angle)), position.inputs[1])
-    b.link(height, position.inputs[2])
-    move = b.node("SetPosition")
-    b.link(sweep.outputs["Mesh"], move.inputs["Geometry"])
-    b.link(position.outputs[0], move.inputs["Position"])
+    placed = _placed(b, sweep.outputs["Mesh"], radius, height, angle)
     merge = b.node("MergeByDistance")
-    b.link(move.outputs[0], merge.inputs["Geometry"])
+    b.link(placed, merge.inputs["Geometry"])
     merge.inputs["Distance"].default_value = 1e-6
     return _smooth_but_rims(b, merge.outputs[0])
+
+
+def _placed(b: TreeBuilder, mesh, radius, height, angle):
+    """The mesh with its points at cylinder coordinates round z."""
+    place = b.node("ShaderNodeCombineXYZ")
+    b.link(b.math("MULTIPLY", radius, b.math("COSINE", angle)), place.inputs[0])
+    b.link(b.math("MULTIPLY", radius, b.math("SINE", angle)), place.inputs[1])
+    b.link(height, place.inputs[2])
+    move = b.node("SetPosition")
+    b.link(mesh, move.inputs["Geometry"])
+    b.link(place.outputs[0], move.inputs["Position"])
+    return move.outputs[0]
 
 
 def _smooth_but_rims(b: TreeBuilder, mesh):

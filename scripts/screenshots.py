@@ -104,8 +104,7 @@ def steps():
     screenshot("rendered")
 
 
-def _run(walk=None) -> float | None:
-    global _walk
+def _run() -> float | None:
     try:
         return next(_walk)
     except StopIteration:

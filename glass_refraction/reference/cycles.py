@@ -13,6 +13,7 @@ from mathutils import Matrix
 from .. import optics
 from ..scene.glasses import Glass, read_glasses
 from ..scene.names import TAG, RefractiveGlassError, own
+from ..scene.shaders import math_node
 from .glass_mesh import Surface, glass_surfaces
 from .picture import render_picture
 
@@ -312,18 +313,9 @@ def _left_over(tree: bpy.types.NodeTree, before: tuple, behind: tuple) -> bpy.ty
     ray = tree.nodes.new("ShaderNodeLightPath")
     join = tree.nodes.new("ShaderNodeCombineColor")
     for channel, (front, back) in enumerate(zip(before, behind, strict=True)):
-        coefficient = _math(tree, "MULTIPLY_ADD", side.outputs["Backfacing"], front - back, -front)
-        depth = _math(tree, "MULTIPLY", coefficient, ray.outputs["Ray Length"])
-        tree.links.new(_math(tree, "EXPONENT", depth), join.inputs[channel])
+        coefficient = math_node(
+            tree, "MULTIPLY_ADD", side.outputs["Backfacing"], front - back, -front
+        )
+        depth = math_node(tree, "MULTIPLY", coefficient, ray.outputs["Ray Length"])
+        tree.links.new(math_node(tree, "EXPONENT", depth), join.inputs[channel])
     return join.outputs["Color"]
-
-
-def _math(tree: bpy.types.NodeTree, operation: str, *values) -> bpy.types.NodeSocket:
-    node = tree.nodes.new("ShaderNodeMath")
-    node.operation = operation
-    for slot, value in enumerate(values):
-        if isinstance(value, bpy.types.NodeSocket):
-            tree.links.new(value, node.inputs[slot])
-        else:
-            node.inputs[slot].default_value = value
-    return node.outputs[0]

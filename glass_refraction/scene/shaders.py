@@ -24,13 +24,13 @@ def lookup_material() -> bpy.types.Material:
     join = tree.nodes.new("ShaderNodeCombineXYZ")
     tree.links.new(attribute.outputs["Vector"], split.inputs[0])
     w = split.outputs["Z"]
-    in_front = _math(tree, "GREATER_THAN", w, 1e-9)
+    in_front = math_node(tree, "GREATER_THAN", w, 1e-9)
     for axis, name in enumerate("XY"):
-        inside = _math(tree, "DIVIDE", split.outputs[name], w)
-        shifted = _math(tree, "ADD", _math(tree, "MULTIPLY", inside, in_front), -9.0)
-        chosen = _math(tree, "ADD", shifted, _math(tree, "MULTIPLY", in_front, 9.0))
+        inside = math_node(tree, "DIVIDE", split.outputs[name], w)
+        shifted = math_node(tree, "ADD", math_node(tree, "MULTIPLY", inside, in_front), -9.0)
+        chosen = math_node(tree, "ADD", shifted, math_node(tree, "MULTIPLY", in_front, 9.0))
         tree.links.new(chosen, join.inputs[axis])
-    tree.links.new(_math(tree, "DIVIDE", 1.0, attribute.outputs["Alpha"]), join.inputs[2])
+    tree.links.new(math_node(tree, "DIVIDE", 1.0, attribute.outputs["Alpha"]), join.inputs[2])
     _emit(tree, join.outputs[0])
     return material
 
@@ -40,7 +40,7 @@ def depth_material() -> bpy.types.Material:
     material, tree, new = _own_material("depth")
     if new:
         camera = tree.nodes.new("ShaderNodeCameraData")
-        _emit(tree, _math(tree, "DIVIDE", 1.0, camera.outputs["View Z Depth"]))
+        _emit(tree, math_node(tree, "DIVIDE", 1.0, camera.outputs["View Z Depth"]))
     return material
 
 
@@ -82,7 +82,8 @@ def _own_material(role: str):
     return material, material.node_tree, True
 
 
-def _math(tree, operation: str, *values):
+def math_node(tree: bpy.types.NodeTree, operation: str, *values) -> bpy.types.NodeSocket:
+    """Add a Math node of plain values or sockets; returns its output socket."""
     node = tree.nodes.new("ShaderNodeMath")
     node.operation = operation
     for slot, value in enumerate(values):

@@ -46,6 +46,9 @@ SLICE_SECONDS = 0.05
 """Work between two looks at the keyboard; one copy may take longer."""
 
 
+_LENGTH = {"subtype": "DISTANCE", "unit": "LENGTH", "precision": 4}
+
+
 class GlassProperties:
     """What both adding operators ask for; lengths in metres."""
 
@@ -57,45 +60,35 @@ class GlassProperties:
         description="Outer radius; of a new slab half its width",
         default=0.04,
         soft_min=0.001,
-        subtype="DISTANCE",
-        unit="LENGTH",
-        precision=4,
+        **_LENGTH,
     )
     wall_thickness: bpy.props.FloatProperty(
         name="Wall Thickness",
         description="Of the wall, or of the slab; a sphere with 0 is a solid ball",
         default=0.003,
         soft_min=0.0,
-        subtype="DISTANCE",
-        unit="LENGTH",
-        precision=4,
+        **_LENGTH,
     )
     height: bpy.props.FloatProperty(
         name="Height",
         description="Of a cylinder, rod or tumbler",
         default=0.12,
         soft_min=0.001,
-        subtype="DISTANCE",
-        unit="LENGTH",
-        precision=4,
+        **_LENGTH,
     )
     bottom_thickness: bpy.props.FloatProperty(
         name="Bottom Thickness",
         description="Of a tumbler's bottom",
         default=0.006,
         soft_min=0.0,
-        subtype="DISTANCE",
-        unit="LENGTH",
-        precision=4,
+        **_LENGTH,
     )
     liquid_level: bpy.props.FloatProperty(
         name="Liquid Level",
         description="Height of the liquid above the lowest point inside; 0: empty",
         default=0.0,
         min=0.0,
-        subtype="DISTANCE",
-        unit="LENGTH",
-        precision=4,
+        **_LENGTH,
     )
     profile: bpy.props.StringProperty(
         name="Profile",
