@@ -176,6 +176,28 @@ def quad(
     return mesh(name, positions, [(0, 1, 2, 3)], uv=uv)
 
 
+def table_before_wall(
+    scene: bpy.types.Scene,
+    edge: float,
+    distance: float,
+    height: float,
+    tiles: ColourNodes,
+    *,
+    unlit: bool,
+) -> None:
+    """A wooden table from y = ``edge`` to a wall at y = ``distance``, both a metre wide.
+
+    ``height``: z of the table's top and the wall's foot, metres.
+    """
+    table = quad("Table", (0.5, edge, height), (0.0, distance - edge, 0.0), (-1.0, 0.0, 0.0))
+    grain = wood((0.50, 0.31, 0.16), (0.36, 0.20, 0.09))
+    table.materials.append(material("Table wood", grain, unlit=unlit))
+    link(scene, "Table", table)
+    wall = quad("Wall", (-0.5, distance, height), (1.0, 0.0, 0.0), (0.0, 0.0, 0.5))
+    wall.materials.append(material("Wall tiles", tiles, unlit=unlit))
+    link(scene, "Wall", wall)
+
+
 def camera(
     scene: bpy.types.Scene,
     position: Sequence[float],

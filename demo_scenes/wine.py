@@ -33,17 +33,10 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
     """
     scene = common.empty_scene("wine")
     scene.render.resolution_x, scene.render.resolution_y = 480, 640
-    depth = WALL_DISTANCE - TABLE_EDGE
-    table = common.quad("Table", (0.5, TABLE_EDGE, -FILM), (0.0, depth, 0.0), (-1.0, 0.0, 0.0))
-    grain = common.wood((0.50, 0.31, 0.16), (0.36, 0.20, 0.09))
-    table.materials.append(common.material("Table wood", grain, unlit=unlit))
-    common.link(scene, "Table", table)
-    wall = common.quad("Wall", (-0.5, WALL_DISTANCE, -FILM), (1.0, 0.0, 0.0), (0.0, 0.0, 0.5))
     tiles = common.tiles(
         0.03, 0.03, 0.002, ((0.62, 0.60, 0.52), (0.74, 0.70, 0.60)), (0.30, 0.34, 0.38)
     )
-    wall.materials.append(common.material("Wall tiles", tiles, unlit=unlit))
-    common.link(scene, "Wall", wall)
+    common.table_before_wall(scene, TABLE_EDGE, WALL_DISTANCE, -FILM, tiles, unlit=unlit)
     common.light_up(scene, unlit=unlit, sun_direction=(-0.5, 0.6, -0.8))
     common.camera(scene, EYE, TARGET, 0.060)
     if with_glass:
