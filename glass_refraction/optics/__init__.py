@@ -2,6 +2,14 @@
 """What light does at glass: where points appear, what each pixel sees. Pure NumPy, metres."""
 
 from .apparent import apparent_points
+from .chains import (
+    ChainedPath,
+    Pair,
+    chained_points,
+    first_met,
+    has_chained_images,
+    trace_chain,
+)
 from .dispersion import LINES, dispersed_ior
 from .glasses import CylinderGlass, FlatGlass, SphereGlass
 from .images import ApparentPoints
@@ -19,24 +27,30 @@ __all__ = [
     "LINES",
     "MEDIA",
     "ApparentPoints",
+    "ChainedPath",
     "CylinderGlass",
     "FlatGlass",
     "LightPath",
+    "Pair",
     "ParallelView",
     "RevolutionGlass",
     "SphereGlass",
     "TracedRays",
     "Tumbler",
     "apparent_points",
+    "chained_points",
     "dispersed_ior",
     "edge_gaps",
     "edges_to_split",
+    "first_met",
     "fresnel",
+    "has_chained_images",
     "light_paths",
     "path_lengths",
     "path_weights",
     "reflect",
     "refract",
     "trace",
+    "trace_chain",
     "triangle_gaps",
 ]

@@ -15,8 +15,10 @@ import numpy as np
 
 from .. import optics
 from .arrays import affine
+from .chains import other_glass, pair
 from .glasses import Glass, unbounded
 from .mesh_arrays import SourceMesh, read_source_mesh, read_triangles
+from .path_keys import Path
 from .sources import Piece, Snapshot
 from .tessellation import (
     ACROSS_PX,
@@ -43,7 +45,7 @@ class Solver:
     """Where world points appear along one path of one glass."""
 
     glass: Glass
-    path: optics.LightPath
+    path: Path
     view: Viewpoint
     tolerance_px: float
     last: bool = False
@@ -59,13 +61,17 @@ class Solver:
 
     def of_local(self, points: np.ndarray, guess=None) -> optics.ApparentPoints:
         """The same of points in the glass's frame."""
-        view = self.view
+        view, eye = self.view, self.view.eye_for(self.glass)
+        tolerance = 1e-9 if view.is_parallel else self.tolerance_px / view.focal_px
+        if isinstance(self.path, optics.ChainedPath):
+            both = pair(self.glass, other_glass(self.glass, self.path))
+            return optics.chained_points(both, self.path, eye, points, tolerance=tolerance)
         return optics.apparent_points(
             unbounded(self.glass.description),
             self.path,
-            view.eye_for(self.glass),
+            eye,
             points,
-            tolerance=1e-9 if view.is_parallel else self.tolerance_px / view.focal_px,
+            tolerance=tolerance,
             guess=guess,
             last=self.last,
         )

@@ -222,7 +222,7 @@ def write_weights(
             continue
         pixels = np.ones((y1 - y0, x1 - x0, 4), np.float32)
         pixels[..., :3] = regions.full(shares, view.size)[y0:y1, x0:x1, None]
-        if glass.is_tinted:
+        if glass.tints(regions.paths[number]):
             tint = np.moveaxis(tints(glass, view, regions, regions.paths[number]), 2, 0)
             pixels[..., :3] *= np.moveaxis(regions.full(tint, view.size), 0, 2)[y0:y1, x0:x1]
         write_image(image, pixels)
@@ -438,7 +438,7 @@ class _Group:
         if path.open:
             drawn = self._layer(self.layers.displaced, pane.layer(path))
             else_colour, else_alpha = drawn.outputs["Image"], drawn.outputs["Alpha"]
-        elif pane.contents and path.interfaces is None:
+        elif pane.held_along(path) and path.interfaces is None:
             else_colour, else_alpha = self._drawn(pane, path)
         else:
             around = self._layer(self.layers.around, pane.layer(path))

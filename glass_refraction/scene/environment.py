@@ -37,7 +37,8 @@ def surroundings(scene: bpy.types.Scene, shading: str) -> str:
     -------
     ``MIRRORED`` : objects, lamps and the world; paths with a mirror have no copies.
     ``HIDDEN`` : the same, but every path has copies (their light is looked up in the direct
-        picture, which does not show all), or some paths have none (a tumbler has too many).
+        picture, which does not show all), or some paths have none (a tumbler has too many, and
+        one glass behind another).
     ``WORLD`` : the world alone.
     empty : nothing; the world is one colour, or the engine shows none.
     """
@@ -45,16 +46,19 @@ def surroundings(scene: bpy.types.Scene, shading: str) -> str:
         return ""
     if scene.refractive_glass.mirrors == "RAYS" and scene.refractive_glass.surface == "GLASS":
         return "MIRRORED"
-    if shading == "TRUE" or _has_cup(scene):
+    if shading == "TRUE" or _has_bare_paths(scene):
         return "HIDDEN"
     return "" if is_uniform(scene.world) else "WORLD"
 
 
-def _has_cup(scene: bpy.types.Scene) -> bool:
-    """Whether any glass is of a shape with more paths than can have copies."""
-    return any(
-        read_input(glass_modifier(glass), "Shape") in NAMED_SHAPES
-        for glass in glass_objects(scene.view_layers[0])
+def _has_bare_paths(scene: bpy.types.Scene) -> bool:
+    """Whether there may be paths that cannot have copies.
+
+    Of shapes that have too many, and through two glasses.
+    """
+    glasses = glass_objects(scene.view_layers[0])
+    return len(glasses) > 1 or any(
+        read_input(glass_modifier(glass), "Shape") in NAMED_SHAPES for glass in glasses
     )
 
 

@@ -14,6 +14,7 @@ from .. import optics
 from ..optics.axial import AxialGlass
 from .modifier_inputs import has_input, read_input
 from .names import RefractiveGlassError, own
+from .obstacles import Obstacle
 from .visibility import rendered_objects
 
 # Blender's transforms are float32: differences up to this are rounding, not shear.
@@ -46,6 +47,8 @@ class Glass:
         coefficients a, per metre; exp(-a length) of the light remains (Beer and Lambert).
     abbe : Abbe numbers of the glass and of its contents; 0: no dispersion.
     band : "red", "green" or "blue" if this is the glass as such light finds it; else empty.
+    others : glasses that the rays which left this one may meet. obstacles : what stands between.
+    chained : paths of this glass, and names of others that are shown beyond them.
     """
 
     name: str
@@ -54,6 +57,9 @@ class Glass:
     absorption: tuple[tuple[float, float, float], ...] = ()
     abbe: tuple[float, float] = (0.0, 0.0)
     band: str = ""
+    others: tuple[Glass, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
+    chained: frozenset[tuple[optics.LightPath, str]] = frozenset()
 
     def __post_init__(self) -> None:
         self.to_world.flags.writeable = False
@@ -61,6 +67,11 @@ class Glass:
     def stamp(self) -> tuple:
         """What the optics depend on; equal stamps give equal pictures."""
         return (self.key, self.description, self.to_world.tobytes(), self.absorption)
+
+    def seen_stamp(self) -> tuple:
+        """What the paths' weights depend on: other glasses, and what stands between."""
+        others = tuple(other.stamp() for other in self.others)
+        return (self.stamp(), others, tuple(o.stamp for o in self.obstacles), self.chained)
 
     @property
     def key(self) -> str:
@@ -142,6 +153,11 @@ class Glass:
     def is_tinted(self) -> bool:
         """Whether any medium takes light away."""
         return any(any(coefficients) for coefficients in self.absorption)
+
+    def tints(self, path) -> bool:
+        """Whether any medium takes light away along a path, of another glass behind too."""
+        others = (other for other in self.others if other.name == getattr(path, "behind", None))
+        return self.is_tinted or any(other.is_tinted for other in others)
 
     def transmittance(self, eye, directions: np.ndarray, path: optics.LightPath) -> np.ndarray:
         """(M, 3) what the media let through along a path; 1 where the ray does not take it.

@@ -37,7 +37,7 @@ from .glasses import banded_key, casts_shadow, glass_modifier
 from .memory import counters
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
-from .path_keys import path_key, path_of, short_key
+from .path_keys import Path, path_key, path_of, short_key
 from .regions import FILTER_WIDTH
 from .shaders import curtain_material, depth_material, lookup_material, mask_material
 from .sources import is_carried
@@ -71,21 +71,31 @@ class Pane:
     """One glass and the light paths that its picture is made of."""
 
     glass: bpy.types.Object
-    paths: tuple[optics.LightPath, ...]
+    paths: tuple[Path, ...]
     sources: tuple[bpy.types.Object, ...]
     contents: tuple[bpy.types.Object, ...] = ()
     """The sources that reach into the glass."""
-    bare: frozenset[optics.LightPath] = frozenset()
+    bare: frozenset[Path] = frozenset()
     """Paths whose last stretch the engine's rays show, without copies."""
     band: str = ""
     """The colour of the light, where the glass disperses it."""
+    beyond: tuple[bpy.types.Object, ...] = ()
+    """The sources that reach into other glasses that are shown through this one."""
+    traced: frozenset[Path] = frozenset()
+    """Paths of which copies show nothing but what the glass itself holds."""
 
     @property
     def key(self) -> str:
         """As the glass's, :func:`glasses.banded_key`."""
         return banded_key(self.glass.name, self.band)
 
-    def carried(self, path: optics.LightPath, around: str) -> tuple[bpy.types.Object, ...]:
+    def held_along(self, path: Path) -> tuple[bpy.types.Object, ...]:
+        """The sources that reach into any glass of the path."""
+        if isinstance(path, optics.ChainedPath):
+            return tuple(dict.fromkeys((*self.contents, *self.beyond)))
+        return self.contents
+
+    def carried(self, path: Path, around: str) -> tuple[bpy.types.Object, ...]:
         """The sources of which displaced copies are shown along the path.
 
         ``around`` as :func:`environment.surroundings` has it. Where open paths show what the glass
@@ -94,15 +104,16 @@ class Pane:
         if path.open:
             return self.contents
         if path.interfaces is not None:
-            here = path not in self.bare and needs_copies(path, around)
+            here = path not in self.bare | self.traced and needs_copies(path, around)
             return self.sources if here else ()
-        return self.sources if needs_copies(path, around) else self.contents
+        here = path not in self.traced and needs_copies(path, around)
+        return self.sources if here else self.held_along(path)
 
-    def layer(self, path: optics.LightPath) -> str:
+    def layer(self, path: Path) -> str:
         """Name of the view layer of one path, in both scenes."""
         return f"{self.key} {short_key(path)}"
 
-    def before(self, path: optics.LightPath) -> tuple[optics.LightPath, ...]:
+    def before(self, path: Path) -> tuple[optics.LightPath, ...]:
         """The open paths that the path begins with: what they show stands before it."""
         return tuple(p for p in self.paths if p.open and p != path and p.begins(path))
 
@@ -129,7 +140,7 @@ class Pane:
         return layers
 
     @property
-    def drawn(self) -> tuple[optics.LightPath, ...]:
+    def drawn(self) -> tuple[Path, ...]:
         """The paths that may have copies."""
         return tuple(path for path in self.paths if path not in self.bare)
 
@@ -528,7 +539,7 @@ def _match_sources(layers: Layers, panes: list[Pane], around: str) -> None:
 def _match_held(layers: Layers, panes: list[Pane]) -> None:
     """Copies of what a glass holds are in a collection of their own as well."""
     held = {
-        (pane.key, path_key(path)): {source.session_uid for source in pane.contents}
+        (pane.key, path_key(path)): {source.session_uid for source in pane.held_along(path)}
         for pane in panes
         for path in pane.drawn
     }

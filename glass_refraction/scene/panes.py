@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from .. import optics
@@ -15,14 +13,11 @@ from .hull import first_face
 from .layers import Layers, Pane
 from .memory import memory_of
 from .names import RefractiveGlassError
+from .neighbours import among, with_chains
 from .path_keys import path_of
-from .regions import path_regions, picture_rect
+from .regions import coarse_weights
+from .sources import seen_through, source_objects
 from .viewpoint import Viewpoint
-
-PATH_SEARCH_SIDE = 96
-"""Rays across a glass, its shorter way, with which the paths' mean weights are found: a verge of a
-hundredth of it is met by one of them, however few pixels the glass has in the picture."""
-
 
 BARE = 0.08
 """A path counts that carries this part of ``min_weight``, where rays show it and no copies."""
@@ -81,7 +76,7 @@ def open_paths(scene, glass: Glass, view: Viewpoint) -> tuple[optics.LightPath, 
     begins = tuple(b for b in begins if _shows_contents(glass.description, medium, b))
     if settings.surface != "GLASS":
         begins = tuple(begin for begin in begins if "R" not in begin.events)
-    mean = _coarse_weights(scene, glass, view, begins).mean(axis=1)
+    mean = coarse_weights(scene, glass, view, begins).mean(axis=1)
     least = BARE * settings.min_weight
     if settings.surface == "GLASS":
         least = OPEN * settings.min_weight
@@ -114,7 +109,7 @@ def _listed(scene, glass: Glass, view: Viewpoint):
     )
     if not fresnel:
         paths = tuple(path for path in paths if "R" not in path.events)
-    weights = _coarse_weights(scene, glass, view, paths)
+    weights = coarse_weights(scene, glass, view, paths)
     memory_of(scene).paths[glass.key] = (stamp, paths, weights)
     return paths, weights
 
@@ -137,31 +132,29 @@ def _filling(weights: np.ndarray, kept: list[int]) -> list[int]:
     return added
 
 
-def _coarse_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
-    """Weights (P, M) of paths along rays spread over the glass's pixels."""
-    x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
-    finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
-    size = tuple(max(1, round(n * finer)) for n in view.size)
-    coarse = replace(view, size=size, window=(0, 0, *size))
-    fresnel = scene.refractive_glass.surface == "GLASS"
-    found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
-    weights = found.weights[:, found.hit]
-    return weights if weights.shape[1] else np.zeros((len(paths), 1))
-
-
 def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pane, Glass]]:
     """The glasses and paths that the own scenes were made for, as they are evaluated now."""
     keys = layers.path_keys()
-    panes = []
+    read = []
     for obj in glass_objects(depsgraph.view_layer):
         try:
-            glass = read_glass(obj, depsgraph)
+            read.append((obj, read_glass(obj, depsgraph)))
         except RefractiveGlassError as error:
             problems.append(str(error))
-            continue
+    glasses = [glass for _, glass in read]
+    sources = source_objects(depsgraph.view_layer) if len(read) > 1 else []
+    panes = []
+    for obj, glass in read:
         for banded in glass.bands():
-            if banded.key in keys:
-                paths, bare = (tuple(map(path_of, some)) for some in keys[banded.key])
-                pane = Pane(obj, paths, (), bare=frozenset(bare), band=banded.band)
-                panes.append((pane, banded))
+            if banded.key not in keys:
+                continue
+            paths, bare = (tuple(map(path_of, some)) for some in keys[banded.key])
+            if any(isinstance(path, optics.ChainedPath) for path in paths):
+                seen = seen_through(obj, sources)
+                banded = with_chains(among(banded, glasses, seen, depsgraph, []), paths)
+                # What has come to stand otherwise since is seen no more until all is made anew.
+                there = {other.name for other in banded.others}
+                paths = tuple(p for p in paths if getattr(p, "behind", None) in {None, *there})
+            pane = Pane(obj, paths, (), bare=frozenset(bare), band=banded.band)
+            panes.append((pane, banded))
     return panes

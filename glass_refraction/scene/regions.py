@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 
 from .. import optics
+from .chains import onward, other_glass
 from .glasses import Glass, read_glasses, unbounded
 from .hull import first_face
-from .path_keys import path_key
+from .path_keys import Path, path_key
 from .viewpoint import Viewpoint, read_viewpoint
 
 FILTER_WIDTH = 1.5
@@ -22,6 +23,10 @@ ENOUGH = 0.7
 """Part of the light that kept paths must bring for them to stand for all of it."""
 SUBSAMPLES = 24
 """Rays a side across the filter's support, in pixels where a region ends."""
+
+PATH_SEARCH_SIDE = 96
+"""Rays across a glass, its shorter way, with which the paths' mean weights are found: a verge of a
+hundredth of it is met by one of them, however few pixels the glass has in the picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +52,13 @@ class Regions:
     """
 
     rect: tuple[int, int, int, int]
-    paths: tuple[optics.LightPath, ...]
+    paths: tuple[Path, ...]
     weights: np.ndarray
     inside: np.ndarray
     hit: np.ndarray
     shares: np.ndarray
 
-    def importance(self, path: optics.LightPath) -> float:
+    def importance(self, path: Path) -> float:
         """The weight that the path's light has on average where it has one: sum w^2 / sum w."""
         weights = self.weights[self.paths.index(path)].astype(float)
         total = weights.sum()
@@ -102,12 +107,12 @@ def picture_rect(glass: Glass, view: Viewpoint, margin: int = 3) -> tuple[int, i
 def path_regions(
     glass: Glass,
     view: Viewpoint,
-    paths: tuple[optics.LightPath, ...],
+    paths: tuple[Path, ...],
     *,
     fresnel: bool = True,
     exact: bool = False,
     smooth: bool = True,
-    bare: frozenset[optics.LightPath] = frozenset(),
+    bare: frozenset[Path] = frozenset(),
 ) -> Regions:
     """The weights of ``paths`` for every pixel that the glass can cover.
 
@@ -156,14 +161,40 @@ def path_regions(
     return Regions(rect, paths, weights, inside, hit, shares)
 
 
+def may_lack_light(path: Path) -> bool:
+    """Whether rays may be met that hardly take any of the paths that such a one is among.
+
+    True of glasses with dozens of paths, and behind another glass, for which paths were not chosen.
+    """
+    return path.interfaces is not None or isinstance(path, optics.ChainedPath)
+
+
+def _goes_on(path: Path, first: optics.LightPath, other: Glass) -> bool:
+    """Whether the path goes on from the first glass's own to the other glass."""
+    return isinstance(path, optics.ChainedPath) and (path.first, path.behind) == (first, other.name)
+
+
+def coarse_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
+    """Weights (P, M) of paths along rays spread over the glass's pixels."""
+    x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
+    finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
+    size = tuple(max(1, round(n * finer)) for n in view.size)
+    coarse = replace(view, size=size, window=(0, 0, *size))
+    fresnel = scene.refractive_glass.surface == "GLASS"
+    found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
+    weights = found.weights[:, found.hit]
+    return weights if weights.shape[1] else np.zeros((len(paths), 1))
+
+
 class PathRays:
     """Path weights of a glass along rays through pixel coordinates."""
 
     def __init__(self, glass: Glass, view: Viewpoint, paths, fresnel: bool) -> None:
         self.glass, self.view, self.paths, self.fresnel = glass, view, paths, fresnel
-        self.named = any(path.interfaces is not None for path in paths)
+        self.named = any(may_lack_light(path) for path in paths)
         self.total = None
         """(M,) by which filtered weights are divided, where other paths count too."""
+        self._firsts = tuple(dict.fromkeys(getattr(path, "first", path) for path in paths))
         self.complete = np.array([not p.open for p in paths], bool)
         self.refracting = np.array(["R" not in p.events for p in paths], bool)
 
@@ -175,12 +206,46 @@ class PathRays:
         eye, directions = self.view.rays_in(self.glass, x, y)
         description = self.glass.description
         missed, _ = optics.path_weights(description, eye, directions, (optics.LightPath(""),))
-        found, _ = optics.path_weights(unbounded(description), eye, directions, self.paths)
         hit = missed[0] < 0.5
+        found = self._all_weights(eye, directions, hit)
         taken = (found > 0) & hit
         if not self.fresnel:
             found = (taken & self.refracting[:, None]).astype(float)
         return found, hit, taken
+
+    def _all_weights(self, eye, directions: np.ndarray, hit: np.ndarray) -> np.ndarray:
+        """(P, M) weights in the unbounded glass, of paths through two glasses too.
+
+        Along a path of this glass alone those rays count that then meet no other one.
+        """
+        description, firsts = unbounded(self.glass.description), self._firsts
+        found, _ = optics.path_weights(description, eye, directions, firsts)
+        weights = np.zeros((len(self.paths), len(directions)))
+        for number, path in enumerate(self.paths):
+            if path in firsts:
+                weights[number] = found[firsts.index(path)]
+        for first in {first for first, _ in self.glass.chained}.intersection(firsts):
+            light = found[firsts.index(first)]
+            some = np.flatnonzero((light > 0) & hit)
+            starts = eye if np.ndim(eye) == 1 else eye[some]
+            rays = onward(self.glass, starts, directions[some], first)
+            for which, other in enumerate(self.glass.others):
+                here = np.flatnonzero(rays.which == which)
+                if not len(here) or (first, other.name) not in self.glass.chained:
+                    continue
+                index = some[rays.index[here]]
+                if first in self.paths:
+                    weights[self.paths.index(first), index] = 0.0
+                numbers = [n for n, path in enumerate(self.paths) if _goes_on(path, first, other)]
+                then, _ = optics.path_weights(
+                    unbounded(other.description),
+                    other.to_local(rays.origin[here]),
+                    other.direction_to_local(rays.direction[here]),
+                    [self.paths[number].second for number in numbers],
+                )
+                for number, part in zip(numbers, then, strict=True):
+                    weights[number, index] = light[index] * part
+        return weights
 
     def shared(self, weights: np.ndarray) -> np.ndarray:
         """(P, M) weights that sum to one: what other paths bring is shared out among these.
@@ -195,9 +260,19 @@ class PathRays:
             total = np.maximum(total, ENOUGH)
         return weights / np.where(total > 0, total, 1.0)
 
-    def transmittance(self, path: optics.LightPath, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def transmittance(self, path: Path, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(M, 3) what the media let through along a path."""
-        return self.glass.transmittance(*self.view.rays_in(self.glass, x, y), path)
+        glass, rays = self.glass, self.view.rays_in(self.glass, x, y)
+        if not isinstance(path, optics.ChainedPath):
+            return glass.transmittance(*rays, path)
+        other = other_glass(glass, path)
+        left = optics.trace(unbounded(glass.description), *rays, path.first)
+        origin = glass.points_to_world(left.origin)
+        direction = left.direction @ glass.to_world[:3, :3].T
+        then = other.transmittance(
+            other.to_local(origin), other.direction_to_local(direction), path.second
+        )
+        return glass.transmittance(*rays, path.first) * then
 
     def bounded(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(P, M) whether the path is taken with every face met within its extent."""
@@ -247,7 +322,7 @@ class PathRays:
         return found.mean(axis=2), hit.mean(axis=1)
 
 
-def tints(glass: Glass, view: Viewpoint, regions: Regions, path: optics.LightPath) -> np.ndarray:
+def tints(glass: Glass, view: Viewpoint, regions: Regions, path: Path) -> np.ndarray:
     """(h, w, 3) what the glass's media let through along a path, for every pixel's centre.
 
     A few pixels beyond the path's region those of the nearest pixels in it.
@@ -347,6 +422,7 @@ def left_out_pixels(
             path
             for path in kept
             if not path.open
+            and not isinstance(path, optics.ChainedPath)
             and (path.interfaces is not None) == bool(names)
             and names.issuperset(path.interfaces or ())
         )

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import optics
-from .glasses import Glass, unbounded
-from .regions import PathRays, Regions, border_pixels
+from .chains import exits
+from .glasses import Glass
+from .path_keys import Path
+from .regions import PathRays, Regions, border_pixels, may_lack_light
 from .viewpoint import Viewpoint
 
 FINEST = 4
@@ -33,7 +34,6 @@ FAINT = 0.02
 """Weight below which the end of a path is not looked at, where there are dozens of paths."""
 
 _MARGIN = 2 * FINEST  # steps outwards: what the pixel filter reaches of a half covered pixel
-_SKIN = 1e-4  # of its height: how far above its lower end a glass's rays are let out at the lowest
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def build_screen(glass: Glass, view: Viewpoint, regions: Regions, *, fresnel: bo
     tints = np.ones_like(origins)
     for number, path in enumerate(regions.paths):
         on = taken[number]
-        if glass.is_tinted:
+        if glass.tints(path):
             tints[number, on] = samples.transmittance(path, corners[on])
         rays = np.concatenate((origins[number], directions[number], tints[number]), axis=1)
         _spread(rays, on.copy(), cells)
@@ -112,7 +112,7 @@ class _Samples:
         """(N, 2) places in the picture."""
         return np.column_stack((keys % _STRIDE, keys // _STRIDE)) / FINEST + self._origin
 
-    def transmittance(self, path: optics.LightPath, keys: np.ndarray) -> np.ndarray:
+    def transmittance(self, path: Path, keys: np.ndarray) -> np.ndarray:
         """(N, 3) what the glass's media let through along a path that all these rays take."""
         return self._rays.transmittance(path, *self.pixels(keys).T)
 
@@ -139,29 +139,21 @@ class _Samples:
         starts = np.broadcast_to(starts, rays.shape)
         origins = np.zeros((*taken.shape, 3))
         directions = np.zeros((*taken.shape, 3))
-        description = unbounded(glass.description)
-        extent = getattr(glass.description, "extent", None)
         for number, path in enumerate(self._paths):
             if path.open:
                 continue
             on = np.flatnonzero(taken[number])
-            found = optics.trace(description, starts[on], rays[on], path)
+            found = exits(glass, starts[on], rays[on], path)
             taken[number, on] = found.valid
-            origin = found.origin.copy()
-            if extent is not None:
-                # A ray that left the wall by its end is let out there: what the glass stands on
-                # stops it.
-                skin = _SKIN * (extent[1] - extent[0])
-                origin[:, 2] = np.clip(origin[:, 2], extent[0] + skin, extent[1] - skin)
-            origins[number, on] = glass.points_to_world(origin)
-            directions[number, on] = found.direction @ glass.to_world[:3, :3].T
+            origins[number, on] = found.origin
+            directions[number, on] = found.direction
         return weights, hit, taken, origins, directions
 
 
 def _split(samples: _Samples, regions: Regions, view: Viewpoint):
     """The cells' corners (C, 4, 2) on the lattice, size by size."""
     x0, y0, x1, y1 = regions.rect
-    named = any(path.interfaces is not None for path in regions.paths)
+    named = any(may_lack_light(path) for path in regions.paths)
     counts = regions.weights > (FAINT if named else 0.0)
     border = border_pixels(np.concatenate((counts, regions.hit[None])))
     summed = np.pad(border.cumsum(0).cumsum(1), ((1, 0), (1, 0)))

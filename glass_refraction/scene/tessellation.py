@@ -18,6 +18,7 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from .. import optics
+from .chains import exits
 from .viewpoint import Viewpoint
 
 MAX_VERTICES = 100_000
@@ -479,7 +480,7 @@ def _met_by(probe: Probe, corners: np.ndarray) -> np.ndarray:
     return met
 
 
-def region_probe(glass, view: Viewpoint, path: optics.LightPath, rect, side: int = 24) -> Probe:
+def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
     """Rays through a grid of the rectangle's pixels that take the path, after its last event."""
     x0, y0, x1, y1 = rect
     x, y = np.meshgrid(
@@ -487,9 +488,11 @@ def region_probe(glass, view: Viewpoint, path: optics.LightPath, rect, side: int
         y0 + (np.arange(side) + 0.5) * (y1 - y0) / side,
     )
     origins, directions = view.rays(x.ravel(), y.ravel())
-    traced = optics.trace(
-        glass.description, glass.to_local(origins), glass.direction_to_local(directions), path
-    )
+    starts, rays = glass.to_local(origins), glass.direction_to_local(directions)
+    if isinstance(path, optics.ChainedPath):
+        found = exits(glass, starts, rays, path)
+        return Probe(found.origin[found.valid], found.direction[found.valid])
+    traced = optics.trace(glass.description, starts, rays, path)
     origin = glass.points_to_world(traced.origin[traced.valid])
     direction = traced.direction[traced.valid] @ glass.to_world[:3, :3].T
     return Probe(origin, direction)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -24,6 +24,7 @@ from .. import optics
 from ..optics.axial import AxialGlass
 from .appearance import Appearance, Search, Solver, Source
 from .bake_playback import bake_problems, is_held
+from .chains import path_stamp
 from .changes import generation
 from .compositing import (
     can_insert,
@@ -36,7 +37,7 @@ from .compositing import (
 )
 from .copies import write_copy, write_true_mesh
 from .environment import is_uniform, shows_objects, surroundings, write_curtain, write_screen
-from .glasses import Glass, banded_key, glass_modifier, glass_objects, read_glass
+from .glasses import Glass, banded_key, glass_modifier, glass_objects, read_glass, unbounded
 from .hull import faces_eye, first_face
 from .layers import (
     Layers,
@@ -52,8 +53,9 @@ from .memory import Memory, Status, Step, counters, forget, memory_of, status
 from .modifier_inputs import write_input
 from .motion_blur import frame_time, keep_moment
 from .names import RefractiveGlassError
+from .neighbours import among, chained_paths
 from .panes import kept_paths, open_paths, standing_panes, thin_paths
-from .path_keys import path_key
+from .path_keys import Path, path_key
 from .regions import Regions, path_regions, picture_rect
 from .screen import build_screen
 from .sources import (
@@ -154,6 +156,7 @@ def prepare(
     problems: list[str] = []
     sources = source_objects(view_layer, problems)
     nearness: list[tuple[float, list[Pane]]] = []
+    read: list[tuple[bpy.types.Object, Glass, list]] = []
     for obj in glasses:
         try:
             glass = read_glass(obj, depsgraph)
@@ -161,20 +164,38 @@ def prepare(
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
+        read.append((obj, glass, kept))
+    around = surroundings(scene, effective_shading(scene))
+    for obj, glass, kept in read:
         seen = tuple(seen_through(obj, sources))
         contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
+        others = among(glass, [other for _, other, _ in read], seen, depsgraph, problems).others
+        beyond = [s for s in seen if any(reaches_into(o, s, depsgraph) for o in others)]
         bands: list[Pane] = []
         nearness.append((_depth(glass, view), bands))
         for banded, paths in kept:
+            chains = _chains(scene, banded, view, read, seen, depsgraph)
             bare: frozenset = frozenset()
             if isinstance(glass.description, AxialGlass):
-                if shows_objects(surroundings(scene, effective_shading(scene))):
+                if shows_objects(around):
                     thin = thin_paths(scene, banded, view)
                     bare = frozenset((*thin, *(path for path in paths if "R" in path.events)))
                     paths += thin
                 if contents:
                     paths += open_paths(scene, banded, view)
-            bands.append(Pane(obj, paths, seen, contents, bare, banded.band))
+            traced = frozenset(p for p in chains if not _has_copies(banded, p, view))
+            pane = Pane(
+                obj,
+                paths + chains,
+                seen,
+                contents,
+                bare,
+                banded.band,
+                tuple(beyond),
+                traced,
+            )
+            empty = (p for p in chains if not pane.carried(p, around))
+            bands.append(replace(pane, bare=bare.union(empty)))
     # Each glass goes over those behind it.
     nearness.sort(key=lambda pair: -pair[0])
     panes = [pane for _, bands in nearness for pane in bands]
@@ -189,9 +210,8 @@ def prepare(
     for obj in glasses:
         _show_mesh(scene, obj, obj not in computed)
     shading, side = effective_shading(scene), int(settings.lookup_samples)
-    around = surroundings(scene, shading)
     layers, anew = build_layers(scene, panes, around)
-    filled = [bool(pane.contents) for pane in panes]
+    filled = [bool(pane.contents) + 2 * bool(pane.beyond) for pane in panes]
     wiring = f"{shading} {side} {around} {filled}"
     _dress_copies(layers, depsgraph)
     memory_of(scene).status.problems = problems
@@ -208,6 +228,22 @@ def prepare(
     write_kernels()
     if not rendering:
         free_leftovers()
+
+
+def _chains(scene, glass: Glass, view: Viewpoint, read, seen, depsgraph):
+    """The paths through a glass and others, of all that were read."""
+    with_others = among(glass, [other for _, other, _ in read], seen, depsgraph, [])
+    if not with_others.others:
+        return ()
+    # Light of all colours takes the same paths, nearly.
+    paths = {other.name: kept[0][1] for _, other, kept in read}
+    return chained_paths(scene, with_others, view, paths)
+
+
+def _has_copies(glass: Glass, path: optics.ChainedPath, view: Viewpoint) -> bool:
+    """Whether displaced copies can show what is seen through two glasses."""
+    description = unbounded(glass.description)
+    return not view.is_parallel and optics.has_chained_images(description, path.first)
 
 
 def remove(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
@@ -369,11 +405,12 @@ def _dress_copies(layers: Layers, depsgraph) -> None:
 def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layers) -> Regions:
     fresnel = scene.refractive_glass.surface == "GLASS"
     around = surroundings(scene, effective_shading(scene))
-    stamp = (glass.stamp(), view.stamp(), pane.paths, fresnel, around)
+    stamp = (glass.seen_stamp(), view.stamp(), pane.paths, fresnel, around)
     known = memory.regions.get(pane.key)
     if known is not None and known[0] == stamp:
         return known[1]
-    regions = path_regions(glass, view, pane.paths, fresnel=fresnel, bare=pane.bare)
+    dozens = frozenset(path for path in pane.bare if path.interfaces is not None)
+    regions = path_regions(glass, view, pane.paths, fresnel=fresnel, bare=dozens)
     counters["masks"] += 1
     counters["mask_pixels"] += regions.hit.size
     write_weights(scene, pane, glass, regions, view)
@@ -406,7 +443,7 @@ class _Task:
     memory: Memory
     pane: Pane
     glass: Glass
-    path: optics.LightPath
+    path: Path
     view: Viewpoint
     regions: Regions
     depsgraph: bpy.types.Depsgraph
@@ -422,7 +459,13 @@ class _Task:
         tolerance = min(self.scene.refractive_glass.tolerance_px / importance, MAX_TOLERANCE_PX)
         looked_up = effective_shading(self.scene) == "TRUE"
         rect = self.regions.rect
-        outer = (self.glass.stamp(), self.view.stamp(), tolerance, rect, looked_up)
+        outer = (
+            path_stamp(self.glass, self.path),
+            self.view.stamp(),
+            tolerance,
+            rect,
+            looked_up,
+        )
         search = None
         for key, copy in copies.items():
             if key[:2] != (self.pane.key, path_key(self.path)):
@@ -471,7 +514,7 @@ class _Task:
 
     def _probe(self) -> Probe:
         """The path's rays; they stay while glass and eye do."""
-        stamp = (self.glass.stamp(), self.view.stamp(), self.regions.rect)
+        stamp = (path_stamp(self.glass, self.path), self.view.stamp(), self.regions.rect)
         known = self.memory.probes.get((self.pane.key, self.path))
         if known is None or known[0] != stamp:
             found = region_probe(self.glass, self.view, self.path, self.regions.rect)
