@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .axial import AxialGlass
 from .axial_images import axial_slots
-from .coaxial import COARSE, CoaxialPassage
+from .coaxial import COARSE, CoaxialPassage, taken_branches
 from .flat import FlatPassage
 from .glasses import FlatGlass, Glass
 from .images import ApparentPoints, Slot
@@ -114,7 +114,9 @@ def _largest(vectors) -> float:
 
 @lru_cache(maxsize=256)
 def _branches(glass: Glass, medium: int, path: LightPath) -> tuple[Branch, ...]:
-    return tuple(branches(glass, medium, path))
+    if isinstance(glass, FlatGlass):
+        return tuple(branches(glass, medium, path))
+    return tuple(branch for branch, _ in taken_branches(glass, medium, path.events))
 
 
 @lru_cache(maxsize=256)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Light paths: what a ray does at each interface it meets, in order from the eye."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,11 +149,17 @@ class Branch:
     stretches: tuple[Stretch, ...]
 
 
-def branches(glass: Glass, medium: int, path: LightPath) -> Iterator[Branch]:
+def branches(
+    glass: Glass,
+    medium: int,
+    path: LightPath,
+    possible: Callable[[Branch], bool] = lambda begun: True,
+) -> Iterator[Branch]:
     """All branches of `path` for rays that start in `medium`.
 
     A branch is listed if the order of the interfaces allows it; whether any ray takes it is
-    decided by its domain (ray invariants), which depends on the radii and indices.
+    decided by its domain (ray invariants), which depends on the radii and indices. `possible`
+    tells so of one that has begun: with every reflection in a wall the branches are twice as many.
     """
     innermost = len(glass.media) - 1
     flat = isinstance(glass, FlatGlass)
@@ -171,6 +177,8 @@ def branches(glass: Glass, medium: int, path: LightPath) -> Iterator[Branch]:
         done = len(interfaces)
         for leaves in leave(where, heading):
             here = (*stretches, Stretch(where, heading, leaves))
+            if not possible(Branch(interfaces, path.events[:done], here)):
+                continue
             escapes = where == (0 if leaves < 0 else innermost) and (flat or leaves < 0)
             if escapes or done == len(path.events):
                 if escapes and done == len(path.events):

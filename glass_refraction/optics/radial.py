@@ -16,9 +16,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from .coaxial import domain_of
+from .coaxial import taken_branches
 from .glasses import CylinderGlass, SphereGlass
-from .paths import Branch, LightPath, Stretch, branches
+from .paths import Branch, Stretch
 
 Floats = NDArray[np.float64]
 
@@ -33,12 +33,11 @@ class RadialWeights:
         self.radii = [radius / glass.radius[0] for radius in glass.radius]
         self.wanted = tuple(wanted)
         self.branches = [
-            (name, branch, domain_of(glass, branch))
+            (name, branch, domain)
             for name in self.wanted
             if name
-            for branch in branches(glass, medium, LightPath(name))
+            for branch, domain in taken_branches(glass, medium, name)
         ]
-        self.branches = [part for part in self.branches if part[2].zeta_max > 0.0]
 
     def weights(self, origins: Floats, directions: Floats) -> Iterator[tuple] | None:
         """(events, indices of rays, weights) of complete paths; None for rays out of range.

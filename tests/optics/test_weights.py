@@ -7,6 +7,8 @@ from rays import aimed, random_glass
 
 from glass_refraction import optics
 from glass_refraction.optics import tracing
+from glass_refraction.optics.coaxial import domain_of, taken_branches
+from glass_refraction.optics.paths import branches
 from glass_refraction.optics.weights import _follow as follow
 
 
@@ -108,3 +110,21 @@ def test_the_closed_form_agrees_with_the_tracer(kind, seed):
     assert np.quantile(apart, 0.99) < 1e-12
     assert apart.max() < 1e-9
     assert (traced.sum(axis=0) > 0.5).mean() > 0.5
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_branches_that_rays_take_are_those_whose_domain_is_not_empty(seed):
+    random = np.random.default_rng(seed)
+    glass, _ = random_glass(random, ("cylinder", "sphere")[seed % 2])
+    for medium in range(len(glass.media)):
+        events = "".join(random.choice(["T", "R"], random.integers(1, 8)))
+        listed = branches(glass, medium, optics.LightPath(events))
+        whole = [(branch, domain_of(glass, branch)) for branch in listed]
+        expected = [(branch, domain) for branch, domain in whole if domain.zeta_max > 0.0]
+        assert list(taken_branches(glass, medium, events)) == expected
+
+
+def test_a_path_of_many_reflections_is_listed_at_once():
+    # Each of them could be at either face: 2^60 orders, of which rays take few.
+    glass = optics.CylinderGlass((0.04, 0.037), (1.5, 1.0))
+    assert len(taken_branches(glass, 0, "T" + 60 * "R" + "T")) < 10
