@@ -320,7 +320,7 @@ def remove_leftovers() -> None:
         if owner is None or not (_has_glass(owner) or _plays_back(owner, candidate)):
             _remove_scene(candidate)
     kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections, bpy.data.node_groups)
-    kinds += (bpy.data.materials, bpy.data.images)
+    kinds += (bpy.data.materials, bpy.data.images, bpy.data.lights)
     removed = True
     while removed:
         # What goes may have been the last to hold another.
@@ -354,7 +354,7 @@ def _remove_object(obj: bpy.types.Object, *, keep: bool = False) -> None:
     source = source_of(obj) if obj.modifiers else None
     bpy.data.objects.remove(obj)
     if data.users == 0 and own(data):
-        bpy.data.meshes.remove(data)
+        (bpy.data.lights if isinstance(data, bpy.types.Light) else bpy.data.meshes).remove(data)
     if source is not None and not keep:
         _let_go(source)
 
@@ -581,13 +581,20 @@ def _match_lamps(collection: bpy.types.Collection, lamps: set[bpy.types.Object])
     missing = set(lamps)
     for obj in list(collection.objects):
         lamp = obj.constraints[0].target
-        if lamp in missing and obj.data == lamp.data:
+        if lamp in missing and _stands_for(obj.data, lamp.data):
             missing.discard(lamp)
         else:
             _remove_object(obj)
     for lamp in missing:
         stand_in = lamp.copy()
         stand_in.name = hidden_name("lamp", lamp.name)
+        if lamp.data.node_tree is None:
+            # Light of its own: with one user more Make Single User would copy what is the user's.
+            stand_in.data = lamp.data.copy()
+            stand_in.data.name = hidden_name("lamp", lamp.data.name)
+            stand_in.data.use_fake_user = False
+            stand_in.data.animation_data_clear()
+            stand_in.data[TAG] = "lamp"
         stand_in.animation_data_clear()
         stand_in.constraints.clear()
         stand_in.modifiers.clear()
@@ -599,6 +606,29 @@ def _match_lamps(collection: bpy.types.Collection, lamps: set[bpy.types.Object])
         lamp = obj.constraints[0].target
         if obj.visible_camera != lamp.visible_glossy:
             obj.visible_camera = lamp.visible_glossy
+
+
+def _stands_for(stand_in: bpy.types.Light, light: bpy.types.Light) -> bool:
+    """Whether a stand-in's light can be that of the lamp: its own, or the lamp's with its nodes."""
+    if light.node_tree is not None:
+        return stand_in == light
+    return own(stand_in) and stand_in.type == light.type
+
+
+def match_lights(layers: Layers, depsgraph: bpy.types.Depsgraph) -> None:
+    """Give the lamps' stand-ins the light that the lamps have at this moment."""
+    for obj in _child(layers.around, "lamps").objects:
+        lamp, light = obj.constraints[0].target, obj.data
+        if lamp is None or not own(light):
+            continue
+        now = lamp.evaluated_get(depsgraph).data
+        kept = {name: getattr(light, name) for name in _OF_A_BLOCK}
+        _copy_properties(now, light, kept)
+        _copy_properties(now.cycles, light.cycles, {})
+
+
+_OF_A_BLOCK = ("name", "use_fake_user", "use_extra_user", "is_runtime_data")
+"""Of any data-block, whatever it holds."""
 
 
 def match_settings(

@@ -44,6 +44,7 @@ from .layers import (
     Pane,
     build_layers,
     find_layers,
+    match_lights,
     match_settings,
     remove_layers,
     remove_leftovers,
@@ -217,6 +218,7 @@ def prepare(
     memory_of(scene).status.problems = problems
     covered = _covered(scene, panes, depsgraph, view)
     match_settings(scene, layers, covered, shading == "TRUE")
+    match_lights(layers, depsgraph)
     if anew or not has_group(scene) or layers.lookup.get("refractive_glass_wiring") != wiring:
         counters["structures"] += 1
         insert_group(scene, layers, panes, shading == "TRUE", side, around)
@@ -362,6 +364,7 @@ def updating(
     if is_render:
         true_shading = effective_shading(scene) == "TRUE"
         match_settings(scene, layers, _union(rects), true_shading)
+        match_lights(layers, depsgraph)
     shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
     memory.status = Status(
         vertices=sum(shape.vertices for shape in shapes),

@@ -12,6 +12,7 @@ from glass_refraction.scene.environment import is_uniform, surroundings
 from glass_refraction.scene.glasses import glass_modifier, read_glasses, unbounded
 from glass_refraction.scene.layers import find_layers
 from glass_refraction.scene.modifier_inputs import write_input
+from glass_refraction.scene.names import own
 from glass_refraction.scene.regions import PathRays, path_regions, picture_rect, region_masks
 from glass_refraction.scene.screen import TOLERANCE_PX, build_screen
 from glass_refraction.scene.viewpoint import read_viewpoint
@@ -192,14 +193,49 @@ def test_stand_ins_of_lamps_follow_them_and_go_with_them():
         return [o for o in around.objects if o.type == "LIGHT"]
 
     (made,) = stand_ins()
-    assert made != lamp and made.data == lamp.data
+    assert made != lamp and made.data.energy == lamp.data.energy
+    # Else Make Single User would give the user's lamp a copy of its own light.
+    assert lamp.data.users == 1
+    lamp.data.energy, lamp.data.shape = 2.0, "DISK"
     lamp.location.x = 0.7
     layer = around.view_layers[0]
     layer.update()
     np.testing.assert_allclose(made.evaluated_get(layer.depsgraph).matrix_world[0][3], 0.7)
+    bpy.ops.scene.refractive_glass_update()
+    assert stand_ins() == [made] and (made.data.energy, made.data.shape) == (2.0, "DISK")
+    lamp.data.type = "SPOT"
+    bpy.ops.scene.refractive_glass_update()
+    (made,) = stand_ins()
+    assert made.data.type == "SPOT"
+    lamp.data.use_nodes = True
+    bpy.ops.scene.refractive_glass_update()
+    (made,) = stand_ins()
+    assert made.data == lamp.data
     bpy.data.objects.remove(lamp)
     bpy.ops.scene.refractive_glass_update()
     assert stand_ins() == []
+    assert [light for light in bpy.data.lights if own(light)] == []
+
+
+def test_a_lamp_that_is_animated_shines_as_it_does_in_each_frame(tmp_path):
+    scenes.camera(location=(0.0, -0.5, 0.0), tilt=np.pi / 2)
+    scene = scenes.settings(24, 18, samples=16, surface="GLASS", shading="TRUE")
+    _world(scene, (0.0, 0.0, 0.0, 1.0))
+    slab = scenes.glass(shape="SLAB", radius=0.05, wall_thickness=0.004)
+    slab.rotation_euler.x = np.pi / 2
+    lamp = _area_lamp(scene)
+    for frame, energy in ((1, np.pi), (2, 3.0 * np.pi)):
+        lamp.data.energy = energy
+        lamp.data.keyframe_insert("energy", frame=frame)
+    _speck()
+    scene.frame_start, scene.frame_end = 1, 2
+    scene.render.filepath = str(tmp_path / "frame_")
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    bpy.ops.render.render(animation=True)
+    one, two = (
+        scenes.load(tmp_path / f"frame_{n:04d}.exr")[8:10, 11:13, :3].mean() for n in (1, 2)
+    )
+    np.testing.assert_allclose(two, 3.0 * one, rtol=0.02)
 
 
 @pytest.mark.parametrize("glass", GLASSES)
