@@ -172,7 +172,7 @@ def report(folder):
 
 def test_every_tolerance_is_kept_and_every_image_is_true(report):
     cases = report["parts"]["solver"]["found"]["cases"]
-    assert len(cases) == 12
+    assert len(cases) == 14
     for case in cases:
         assert case["held"] == case["images"] > 0
         assert case["forward_px"] <= 1e-6

@@ -17,6 +17,12 @@ ROD = optics.CylinderGlass((0.02,), (1.5,))
 BUBBLE = optics.SphereGlass((0.040, 0.037), (1.5, 1.0))
 BALL = optics.SphereGlass((0.040,), (1.5,))
 WATER = optics.FlatGlass((), (), ior_below=1.333)
+TUMBLER = optics.Tumbler(0.040, 0.003, 0.12, 0.008, level=0.07)
+BOWL = optics.RevolutionGlass(
+    ((0.0, 0.0), (0.030, 0.008), (0.040, 0.035), (0.034, 0.075)),
+    ((0.0, 0.006), (0.027, 0.013), (0.037, 0.036), (0.032, 0.075)),
+    level=0.045,
+)
 TANK = optics.FlatGlass((0.01,), (1.5,), ior_below=1.333)
 
 PIXEL_TOLERANCE = 2e-5
@@ -29,16 +35,18 @@ class Case:
     """A glass, a light path through it, and where eye and points are, metres.
 
     `searched`: a point may have several images, which takes a search along curves in place of a
-    few steps; neither the tolerance nor the last frame's result changes its time much.
+    few steps; neither the tolerance nor the last frame's result changes its time much. `slow`:
+    the first call for a viewpoint takes seconds, which only a full run spends.
     """
 
     name: str
     glass: Glass
-    path: str
+    path: str | optics.LightPath
     eye: tuple[float, float, float]
     centre: tuple[float, float, float]
     half: tuple[float, float, float]
     searched: bool = False
+    slow: bool = False
 
     def points(self, random: np.random.Generator, count: int) -> np.ndarray:
         """Points (count, 3), evenly spread over a box."""
@@ -48,6 +56,10 @@ class Case:
 _SIDE, _TOP = (0.5, 0.02, 0.1), (0.0, 0.0, 0.3)
 _BEHIND, _BOX = (-0.09, 0.0, 0.02), (0.02, 0.03, 0.05)
 _BELOW, _FIELD = (0.0, 0.0, -0.5), (0.3, 0.3, 0.3)
+
+_LOW = (0.02, 0.03, 0.02)
+_THROUGH_WATER = optics.LightPath("TTTT", ("outer", "wet", "wet", "outer"))
+_UNDER_SURFACE = optics.LightPath("TTRTT", ("outer", "wet", "surface", "wet", "outer"))
 
 BEHIND_SLAB = Case("slab, TT", SLAB, "TT", _TOP, _BELOW, _FIELD)
 BEHIND_HOLLOW = Case("hollow cylinder, TTTT", HOLLOW, "TTTT", _SIDE, _BEHIND, _BOX)
@@ -65,6 +77,17 @@ CASES = (
     Case("rod, TT", ROD, "TT", _SIDE, _BEHIND, _BOX, True),
     Case("hollow sphere, TTTT", BUBBLE, "TTTT", (0.5, 0.02, 0.03), (-0.09, 0.0, 0.0), _BOX),
     Case("ball, TT", BALL, "TT", (0.5, 0.02, 0.03), (-0.09, 0.0, 0.0), _BOX, True),
+    Case("tumbler of water, TTTT", TUMBLER, _THROUGH_WATER, _SIDE, _BEHIND, _LOW, True),
+    Case(
+        "tumbler of water, mirror under the surface",
+        TUMBLER,
+        _UNDER_SURFACE,
+        (0.4, 0.02, 0.0),
+        (-0.09, 0.0, 0.055),
+        _LOW,
+        True,
+    ),
+    Case("bowl of water, TTTT", BOWL, _THROUGH_WATER, _SIDE, _BEHIND, _LOW, True, slow=True),
 )
 
 

@@ -9,6 +9,9 @@ import numpy as np
 
 from ... import optics
 from ...optics import tracing
+from ...optics.axial import AxialGlass
+from ...optics.glasses import Glass
+from ...optics.paths import as_path
 
 FOCAL_PX = 2400.0
 """Pixels a radian at the picture's centre: 1600 pixels across 37 degrees."""
@@ -34,8 +37,17 @@ class Checked:
         return float(self.errors_px.max(initial=0.0))
 
 
-def check(glass, path: str, eye, points, apparent: optics.ApparentPoints) -> Checked:
-    """Trace every valid image from the eye to its point."""
+def check(
+    glass: Glass,
+    path: optics.LightPath | str,
+    eye: np.ndarray,
+    points: np.ndarray,
+    apparent: optics.ApparentPoints,
+) -> Checked:
+    """Trace every valid image from the eye to its point.
+
+    Of a tumbler or a glass of revolution the last stretch alone (``last=True``).
+    """
     images, held, errors = 0, 0, []
     for slot, stretch in enumerate(apparent.stretch):
         shown = np.flatnonzero(apparent.valid[slot])
@@ -43,13 +55,17 @@ def check(glass, path: str, eye, points, apparent: optics.ApparentPoints) -> Che
         if not len(shown):
             continue
         directions = apparent.direction[slot, shown]
-        whole = optics.trace(glass, eye, directions, path).valid
-        shown, directions = shown[whole], directions[whole]
-        rays = tracing.start(glass, eye, directions)[0]
-        for event in path[:stretch]:
-            rays, _ = tracing.advance(glass, rays, tracing.meet(glass, rays), event)
-        meeting = tracing.meet(glass, rays)
-        reach = np.where(meeting.met, meeting.distance, np.inf)
+        traced = optics.trace(glass, eye, directions, path)
+        shown, directions = shown[traced.valid], directions[traced.valid]
+        reach = np.inf
+        if isinstance(glass, AxialGlass):
+            rays = optics.trace(glass, eye, directions, path)
+        else:
+            rays = tracing.start(glass, eye, directions)[0]
+            for event in as_path(path).events[:stretch]:
+                rays, _ = tracing.advance(glass, rays, tracing.meet(glass, rays), event)
+            meeting = tracing.meet(glass, rays)
+            reach = np.where(meeting.met, meeting.distance, np.inf)
         towards = points[shown] - rays.origin
         along = np.einsum("nk,nk->n", towards, rays.direction)
         beside = towards - along[:, None] * rays.direction

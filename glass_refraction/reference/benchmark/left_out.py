@@ -38,8 +38,8 @@ def run(settings: Settings) -> dict:
 
 
 def _scene(settings: Settings, path: Path) -> dict:
-    scene = open_scene(path, settings.pick((32, 24), (120, 90), (320, 240)))
-    scene.cycles.samples = settings.pick(1, 2, 16)
+    scene = open_scene(path, settings.pick((32, 24), (120, 90), (240, 180)))
+    scene.cycles.samples = settings.pick(1, 2, 8)
     scene.refractive_glass.surface = "GLASS"
     kept = _state(scene)
     counted = _counts(scene)

@@ -23,17 +23,18 @@ from .text import number, table
 
 TITLE = "Pictures"
 
-SURFACES = ("REFRACTION", "GLASS")
-
 
 def run(settings: Settings) -> dict:
-    """All figures of this part. The loaded file is replaced by each scene's."""
-    scenes = []
-    for path in settings.scenes:
-        for surface in settings.pick(SURFACES[:1], SURFACES[:1], SURFACES):
-            scenes.append(_scene(settings, path, surface))
-        if settings.size != "full":
-            break
+    """All figures of this part. The loaded file is replaced by each scene's.
+
+    The first scene is measured with both surfaces and every setting; the others, of a full run,
+    as their file has them, for how far the first one's figures carry.
+    """
+    first, *others = settings.scenes
+    surfaces = settings.pick(("REFRACTION",), ("REFRACTION",), ("REFRACTION", "GLASS"))
+    scenes = [_scene(settings, first, surface) for surface in surfaces]
+    if settings.size == "full":
+        scenes += [_scene(settings, path) for path in others]
     return {"scenes": scenes}
 
 
@@ -50,11 +51,14 @@ def open_scene(path: Path, size: tuple[int, int]) -> bpy.types.Scene:
     return scene
 
 
-def _scene(settings: Settings, path: Path, surface: str) -> dict:
-    scene = open_scene(path, settings.pick((32, 24), (160, 120), (200, 150)))
-    glass = scene.refractive_glass
-    glass.surface = surface
-    truth, noise = _converged(scene, surface, settings.pick(2, 64, 384))
+def _scene(settings: Settings, path: Path, surface: str | None = None) -> dict:
+    """The figures of one scene: all of them with a surface, few with that of its file."""
+    scene = open_scene(path, settings.pick((32, 24), (120, 90), (160, 120)))
+    whole = surface is not None
+    if surface is None:
+        surface = scene.refractive_glass.surface
+    scene.refractive_glass.surface = surface
+    truth, noise = _converged(scene, surface, settings.pick(2, 48, 256))
     inside = ~region_masks(scene, scene_depsgraph(scene))[""]
     if not inside.any():
         raise RuntimeError(f"{path.name}: no pixel lies in a glass at this size")
@@ -74,7 +78,7 @@ def _scene(settings: Settings, path: Path, surface: str) -> dict:
         )
         cycles.append({"samples": samples, "seconds": taken, **judged(picture)})
     composited = []
-    for name, changed, every in _variants(settings, surface):
+    for name, changed, every in _variants(settings, surface, whole):
         rows = []
         for samples in every:
             _set(scene, changed)
@@ -112,12 +116,17 @@ def _scene(settings: Settings, path: Path, surface: str) -> dict:
 DEFAULTS = {"shading": "TRUE", "lookup_samples": "3", "min_weight": 0.01}
 
 
-def _variants(settings: Settings, surface: str) -> Iterator[tuple[str, dict, tuple[int, ...]]]:
+def _variants(
+    settings: Settings, surface: str, whole: bool
+) -> Iterator[tuple[str, dict, tuple[int, ...]]]:
     """Settings of the composited picture: name, what differs from the defaults, samples."""
-    every = settings.pick((1,), (1, 16), (1, 4, 16, 64))
-    yield "true shading", {}, every
-    yield "displaced shading", {"shading": "DISPLACED"}, every
-    if settings.size != "full":
+    yield "true shading", {}, settings.pick((1,), (4, 16), (1, 4, 16, 64) if whole else (4, 64))
+    yield (
+        "displaced shading",
+        {"shading": "DISPLACED"},
+        settings.pick((1,), (16,), (1, 4, 16, 64) if whole else (16,)),
+    )
+    if settings.size != "full" or not whole:
         return
     yield "true, 1 x 1 lookups", {"lookup_samples": "1"}, (16,)
     yield "true, 5 x 5 lookups", {"lookup_samples": "5"}, (16,)
