@@ -2,6 +2,7 @@
 """What light does at glass: where points appear, what each pixel sees. Pure NumPy, metres."""
 
 from .apparent import apparent_points
+from .axial import RayEnds, follow_rays
 from .chains import (
     ChainedPath,
     Pair,
@@ -33,6 +34,7 @@ __all__ = [
     "LightPath",
     "Pair",
     "ParallelView",
+    "RayEnds",
     "RevolutionGlass",
     "SphereGlass",
     "TracedRays",
@@ -43,6 +45,7 @@ __all__ = [
     "edge_gaps",
     "edges_to_split",
     "first_met",
+    "follow_rays",
     "fresnel",
     "has_chained_images",
     "light_paths",

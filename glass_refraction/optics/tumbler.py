@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .axial import AxialGlass, Interface
+from .axial import SOLID, AxialGlass, Interface
 from .glasses import NEARLY, _positive
 from .surfaces import Cylinder, Plane
 
-OUTSIDE, GLASS, LIQUID = 0, 1, 2
+OUTSIDE, GLASS, LIQUID = 0, SOLID, 2
 
 FAR = 1e12
 """Outer radii beyond which all points are equally far."""

@@ -19,6 +19,7 @@ from .bake_files import BAKE
 from .glasses import Glass
 from .layers import DEPTH_LAYER, Layers, Pane
 from .names import TAG, hidden_name, own
+from .ray_screen import RayScreen
 from .regions import Regions, tints
 from .viewpoint import Viewpoint
 
@@ -228,6 +229,20 @@ def write_weights(
         write_image(image, pixels)
 
 
+def write_cover(scene: bpy.types.Scene, pane: Pane, screen: RayScreen, view: Viewpoint) -> None:
+    """Write which pixels rays show into the image that the node group reads."""
+    image = _find_image(_cover_name(scene, pane), "weights")
+    if image is None:
+        # Of the colours of a glass that disperses one tells.
+        return
+    x0, y0, x1, y1 = view.window
+    low_x, low_y, high_x, high_y = screen.rect
+    cover = np.zeros((view.size[1], view.size[0], 4), np.float32)
+    cover[..., 3] = 1.0
+    cover[low_y:high_y, low_x:high_x, :3] = screen.cover[..., None]
+    write_image(image, cover[y0:y1, x0:x1])
+
+
 def write_kernels() -> None:
     """Write the kernels' pixels, which a file does not keep."""
     for image in bpy.data.images:
@@ -242,6 +257,10 @@ def write_kernels() -> None:
 
 def _weight_name(scene: bpy.types.Scene, pane: Pane, number: int) -> str:
     return hidden_name("weights", scene.name, pane.key, str(number))
+
+
+def _cover_name(scene: bpy.types.Scene, pane: Pane) -> str:
+    return hidden_name("weights", scene.name, pane.key, "cover")
 
 
 def _rest_name(scene: bpy.types.Scene, pane: Pane) -> str:
@@ -323,7 +342,7 @@ class _Group:
         start = self._node("NodeGroupInput")
         self.direct = start.outputs["Image"]
         colour, alpha = self.direct, start.outputs["Alpha"]
-        if true_shading:
+        if true_shading and not all(pane.rays for pane in panes):
             self.direct_depth = self._layer(layers.lookup, DEPTH_LAYER).outputs["Image"]
             # Map UV's bicubic is a B-spline, and places of it are averaged: both blur.
             kernel = self._kernel(f"lookup {subdivision}", _lookup_inverse(subdivision))
@@ -343,6 +362,8 @@ class _Group:
         seen_colour, seen_alpha = (
             self._seen(bands[0], *straight) if one else self._joined(bands, *straight)
         )
+        if bands[0].rays:
+            return self._by_rays(bands[0], (colour, alpha), (seen_colour, seen_alpha))
         cover = self._mask(bands[0])
         beside = self._math("SUBTRACT", 1.0, cover)
         colour = self._vector("ADD", self._scaled(colour, beside), self._scaled(seen_colour, cover))
@@ -350,6 +371,18 @@ class _Group:
             "ADD", self._math("MULTIPLY", alpha, beside), self._math("MULTIPLY", seen_alpha, cover)
         )
         return colour, alpha
+
+    def _by_rays(self, pane: Pane, behind, seen):
+        """The picture behind a glass with what rays show in its place, the glass's edge and all."""
+        image = self._node("CompositorNodeImage")
+        image.image = _own_image(_cover_name(self.scene, pane), "weights")
+        split = self._node("ShaderNodeSeparateXYZ")
+        self._link(image.outputs["Image"], split.inputs[0])
+        cover = split.outputs[0]
+        beside = self._math("SUBTRACT", 1.0, cover)
+        colour = self._vector("ADD", self._scaled(behind[0], beside), self._scaled(seen[0], cover))
+        parts = (self._math("MULTIPLY", a, b) for a, b in ((behind[1], beside), (seen[1], cover)))
+        return colour, self._math("ADD", *parts)
 
     def _joined(self, bands: list[Pane], straight, straight_alpha):
         """Red of what red light shows, and so on; alpha is their mean."""
@@ -363,6 +396,10 @@ class _Group:
 
     def _seen(self, pane: Pane, straight, straight_alpha):
         """Colour and alpha of what is seen through a glass; ``straight``: as though it was not."""
+        if pane.rays:
+            (name,) = pane.mirror_layers(self.around)
+            rays = self._layer(self.layers.around, name)
+            return rays.outputs["Image"], rays.outputs["Alpha"]
         # What no path brings is dark, not transparent: alpha lacks only what passes the scene.
         seen_colour, passing = (0.0, 0.0, 0.0), 0.0
         if any(path.interfaces is not None for path in pane.paths):

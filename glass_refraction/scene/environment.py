@@ -20,6 +20,7 @@ from .arrays import positions, write_attribute, write_polygons
 from .glasses import NAMED_SHAPES, glass_modifier, glass_objects
 from .modifier_inputs import read_input
 from .names import TAG, hidden_name, own
+from .ray_screen import SLOTS, RayScreen
 from .screen import Screen
 from .viewpoint import Viewpoint
 
@@ -171,6 +172,27 @@ def write_screen(mesh: bpy.types.Mesh, view: Viewpoint, screen: Screen, depth: f
             _PARTS, (screen.origins[number], screen.directions[number], colour), strict=True
         ):
             write_attribute(mesh, _attribute(part, number), values, "FLOAT_VECTOR")
+    mesh.update()
+    mesh.update_tag()
+
+
+def write_ray_screen(
+    mesh: bpy.types.Mesh, view: Viewpoint, screen: RayScreen, depth: float
+) -> None:
+    """Make the mesh a cup's screen, as :func:`write_screen` does; a slot is a path there."""
+    origins, directions = view.rays(*screen.pixels.T)
+    places = origins + directions * (depth / (directions @ view.forward))[:, None]
+    mesh.clear_geometry()
+    write_polygons(mesh, places, screen.cells)
+    for number in range(SLOTS):
+        for part, values in zip(
+            _PARTS, (screen.origins, screen.directions, screen.colours), strict=True
+        ):
+            name = _attribute(part, number)
+            if number < len(values):
+                write_attribute(mesh, name, values[number], "FLOAT_VECTOR", "CORNER")
+            elif name in mesh.attributes:
+                mesh.attributes.remove(mesh.attributes[name])
     mesh.update()
     mesh.update_tag()
 

@@ -38,6 +38,7 @@ from .memory import counters
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
 from .path_keys import Path, path_key, path_of, short_key
+from .ray_screen import SLOTS
 from .regions import FILTER_WIDTH
 from .shaders import curtain_material, depth_material, lookup_material, mask_material
 from .sources import is_carried
@@ -61,6 +62,8 @@ _LAYER = "refractive_glass_layer"
 _MIRRORED = "refractive_glass_mirrored"
 _PATHS = "refractive_glass_paths"
 """On a glass's hull: the keys of all its paths."""
+_RAYS = "refractive_glass_by_rays"
+"""On a glass's hull: whether the engine's rays show all that is seen through it."""
 
 _SESSION = uuid.uuid4().hex
 """Blender numbers data-blocks anew in each session: in another this number is another's."""
@@ -83,6 +86,8 @@ class Pane:
     """The sources that reach into other glasses that are shown through this one."""
     traced: frozenset[Path] = frozenset()
     """Paths of which copies show nothing but what the glass itself holds."""
+    rays: bool = False
+    """A cup of which the engine's rays show everything: it has no paths of its own here."""
 
     @property
     def key(self) -> str:
@@ -122,6 +127,8 @@ class Pane:
 
         One for all that the same things stand before.
         """
+        if self.rays:
+            return {f"{self.key} mirrored": tuple(range(SLOTS))}
         if not around:
             return {}
         groups: dict[tuple, list[int]] = {}
@@ -187,6 +194,11 @@ class Layers:
                 name, keys = hull[_GLASS], hull[_PATHS].split("\n") if hull[_PATHS] else []
                 found[name] = keys, [key for key in keys if (name, key) not in drawn]
         return found
+
+    def by_rays(self) -> set[str]:
+        """Names of the glasses of which rays show everything."""
+        hulls = [c for c in self.mask.collection.children if own(c, "hull")]
+        return {hull[_GLASS] for hull in hulls if hull[_RAYS]}
 
     def occluders(self) -> dict[int, bpy.types.Object]:
         """Source's session uid -> the object that stands at its true place."""
@@ -266,7 +278,10 @@ def build_layers(scene: bpy.types.Scene, panes: list[Pane], around: str) -> tupl
     made anew (node trees must then follow).
     """
     key = repr(
-        [(p.key, [path_key(q) for q in p.paths], len(p.drawn), p.ray_layers(around)) for p in panes]
+        [
+            (p.key, [path_key(q) for q in p.paths], len(p.drawn), p.rays, p.ray_layers(around))
+            for p in panes
+        ]
     )
     layers = find_layers(scene)
     anew = layers is None or layers.lookup.get(_KEY) != key
@@ -385,6 +400,7 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], arou
         hull = _new_collection("hull", layers.mask)
         hull[_GLASS] = pane.key
         hull[_PATHS] = "\n".join(path_key(path) for path in pane.paths)
+        hull[_RAYS] = pane.rays
         mesh = bpy.data.meshes.new(hidden_name("hull", pane.key))
         mesh.materials.append(mask_material())
         _new_object("hull", mesh, hull)
@@ -668,13 +684,15 @@ def match_settings(
         _match(scene, own_scene, picture, *_emission_settings(samples, width), lit=False)
     _match_samples(scene, layers.around, around)
     _draw_all_or_held(layers.displaced, shows_objects(around) and true_shading)
+    copied = bool(layers.path_keys().keys() - layers.by_rays())
     for own_scene, used in (
-        (layers.lookup, true_shading),
-        (layers.displaced, True),
+        (layers.lookup, true_shading and copied),
+        (layers.mask, copied),
+        (layers.displaced, copied),
         (layers.around, bool(around)),
     ):
         for layer in own_scene.view_layers:
-            shows = used and (own_scene == layers.around or not _is_empty(layer))
+            shows = used and (own_scene in (layers.around, layers.mask) or not _is_empty(layer))
             if layer.use != shows:
                 layer.use = shows
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import optics
 from .appearance import Appearance, Source
+from .ray_screen import RayScreen
 from .regions import Regions
 from .sources import Snapshot
 from .tessellation import Probe
@@ -48,6 +49,7 @@ class Memory:
     )
     occluders: dict[int, Snapshot] = field(default_factory=dict)
     probes: dict[tuple[str, optics.LightPath], tuple[tuple, Probe]] = field(default_factory=dict)
+    ray_screens: dict[str, tuple[tuple, RayScreen]] = field(default_factory=dict)
     still: tuple | None = None
     centre: float | None = None
     """The rendered frame's own time, once it is known; motion blur asks for others round it."""

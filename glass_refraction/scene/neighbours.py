@@ -13,10 +13,8 @@ import numpy as np
 from .. import optics
 from ..optics.axial import AxialGlass
 from .glasses import Glass
-from .mesh_arrays import read_triangles
-from .obstacles import Obstacle
 from .regions import coarse_weights
-from .sources import pieces, world_positions
+from .things import obstacle_of
 from .viewpoint import Viewpoint
 
 MOST_CHAINED = 12
@@ -54,13 +52,8 @@ def among(
     low, high = box.min(axis=0), box.max(axis=0)
     between = []
     for source in sources:
-        with pieces(source, depsgraph) as parts:
-            points = world_positions(parts)
-            if not len(points):
-                continue
-            corners = read_triangles(parts)
-        obstacle = Obstacle(points, corners)
-        if len(corners) and obstacle.overlaps(low, high):
+        obstacle = obstacle_of(source, depsgraph)
+        if obstacle is not None and obstacle.overlaps(low, high):
             between.append(obstacle)
     return replace(glass, others=tuple(others), obstacles=tuple(between))
 

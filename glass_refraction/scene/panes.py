@@ -134,7 +134,7 @@ def _filling(weights: np.ndarray, kept: list[int]) -> list[int]:
 
 def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pane, Glass]]:
     """The glasses and paths that the own scenes were made for, as they are evaluated now."""
-    keys = layers.path_keys()
+    keys, by_rays = layers.path_keys(), layers.by_rays()
     read = []
     for obj in glass_objects(depsgraph.view_layer):
         try:
@@ -155,6 +155,7 @@ def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pan
                 # What has come to stand otherwise since is seen no more until all is made anew.
                 there = {other.name for other in banded.others}
                 paths = tuple(p for p in paths if getattr(p, "behind", None) in {None, *there})
-            pane = Pane(obj, paths, (), bare=frozenset(bare), band=banded.band)
+            rays = banded.key in by_rays
+            pane = Pane(obj, paths, (), bare=frozenset(bare), band=banded.band, rays=rays)
             panes.append((pane, banded))
     return panes

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from .. import optics
+from ..optics.axial import AxialGlass
 from .chains import onward, other_glass
 from .glasses import Glass, read_glasses, unbounded
 from .hull import first_face
@@ -417,14 +418,14 @@ def left_out_pixels(
     fresnel = scene.refractive_glass.surface == "GLASS"
     count = left_out = 0
     for glass in read_glasses(depsgraph):
-        names = {part.name for part in getattr(glass.description, "interfaces", ())}
+        if isinstance(glass.description, AxialGlass):
+            missing = _dark_rays(glass, view, scene.refractive_glass.min_weight, fresnel)
+            count, left_out = count + missing.size, left_out + int(missing.sum())
+            continue
         paths = tuple(
             path
             for path in kept
-            if not path.open
-            and not isinstance(path, optics.ChainedPath)
-            and (path.interfaces is not None) == bool(names)
-            and names.issuperset(path.interfaces or ())
+            if path.interfaces is None and not isinstance(path, optics.ChainedPath)
         )
         if not fresnel:
             listed = optics.light_paths(glass.description, view.eye_for(glass))
@@ -436,6 +437,22 @@ def left_out_pixels(
         missing = brought < 0.5 if fresnel else (brought == 0.0) & weights.any(axis=0)
         count, left_out = count + missing.size, left_out + int(missing.sum())
     return left_out / max(1, count)
+
+
+def _dark_rays(glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool) -> np.ndarray:
+    """(M,) of rays through the pixels of a cup: whether most of their light was not followed."""
+    x0, y0, x1, y1 = picture_rect(glass, view)
+    x, y = np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
+    eye, directions = view.rays_in(glass, x.ravel(), y.ravel())
+    ends = optics.follow_rays(
+        glass.description, eye, directions, min_weight=min_weight, lengths=False
+    )
+    brought = np.bincount(ends.ray, ends.weight, len(directions))
+    through = np.ones(len(directions), bool)
+    events = np.array([len(path) for path in ends.paths], int)
+    through[ends.ray[events[ends.path] == 0]] = False
+    # Where surfaces only refract, what is reflected is lost, not left out.
+    return (brought[through] < 0.5) & fresnel
 
 
 MOST_MASKS = 12

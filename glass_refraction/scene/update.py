@@ -32,12 +32,28 @@ from .compositing import (
     insert_group,
     remove_group,
     remove_stray_nodes,
+    write_cover,
     write_kernels,
     write_weights,
 )
 from .copies import write_copy, write_true_mesh
-from .environment import is_uniform, shows_objects, surroundings, write_curtain, write_screen
-from .glasses import Glass, banded_key, glass_modifier, glass_objects, read_glass, unbounded
+from .environment import (
+    is_uniform,
+    shows_objects,
+    surroundings,
+    write_curtain,
+    write_ray_screen,
+    write_screen,
+)
+from .glasses import (
+    Glass,
+    banded_key,
+    glass_modifier,
+    glass_objects,
+    read_glass,
+    read_glasses,
+    unbounded,
+)
 from .hull import faces_eye, first_face
 from .layers import (
     Layers,
@@ -57,6 +73,7 @@ from .names import RefractiveGlassError
 from .neighbours import among, chained_paths
 from .panes import kept_paths, open_paths, standing_panes, thin_paths
 from .path_keys import Path, path_key
+from .ray_screen import RayScreen, build_ray_screen
 from .regions import Regions, path_regions, picture_rect
 from .screen import build_screen
 from .sources import (
@@ -69,6 +86,7 @@ from .sources import (
 )
 from .tessellation import Probe, region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
+from .things import may_hide, obstacle_of, within
 from .viewpoint import Viewpoint, read_viewpoint
 
 __all__ = [
@@ -91,6 +109,8 @@ __all__ = [
 MAX_TOLERANCE_PX = 8.0
 BEHIND_SCREENS, WIDE = 1.02, 1e3
 """Of the screens' depth: where the curtain hangs, and how wide it is in a perspective view."""
+BEYOND_CURTAIN = 1.05
+"""Of the screens' depth: from where rays run on that no glass bends."""
 NEAREST = 1.1
 """Of the camera's clip start: how far before it stands what no object may be nearer than."""
 
@@ -158,17 +178,28 @@ def prepare(
     sources = source_objects(view_layer, problems)
     nearness: list[tuple[float, list[Pane]]] = []
     read: list[tuple[bpy.types.Object, Glass, list]] = []
+    around = surroundings(scene, effective_shading(scene))
+    rects = _rects(depsgraph, view)
     for obj in glasses:
         try:
             glass = read_glass(obj, depsgraph)
+            if shows_objects(around) and isinstance(glass.description, AxialGlass):
+                rect = picture_rect(glass, view)
+                # A cup's rays go past other glasses: through several, paths and their copies do.
+                if not any(_overlap(rect, other) for name, other in rects if name != obj.name):
+                    read.append((obj, glass, []))
+                    continue
             kept = [(banded, kept_paths(scene, banded, view)) for banded in glass.bands()]
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
         read.append((obj, glass, kept))
-    around = surroundings(scene, effective_shading(scene))
     for obj, glass, kept in read:
         seen = tuple(seen_through(obj, sources))
+        if not kept:
+            panes = [Pane(obj, (), seen, band=banded.band, rays=True) for banded in glass.bands()]
+            nearness.append((_depth(glass, view), panes))
+            continue
         contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
         others = among(glass, [other for _, other, _ in read], seen, depsgraph, problems).others
         beyond = [s for s in seen if any(reaches_into(o, s, depsgraph) for o in others)]
@@ -225,11 +256,30 @@ def prepare(
         layers.lookup["refractive_glass_wiring"] = wiring
         memory = memory_of(scene)
         memory.regions.clear()
+        memory.ray_screens.clear()
         memory.copies.clear()
     memory_of(scene).still = None
     write_kernels()
     if not rendering:
         free_leftovers()
+
+
+def _rects(depsgraph, view: Viewpoint) -> list[tuple[str, tuple[int, int, int, int]]]:
+    """Name of each glass that can be computed, and the pixels that it can cover."""
+    found = []
+    for glass in read_glasses(depsgraph, []):
+        try:
+            found.append((glass.name, picture_rect(glass, view)))
+        except RefractiveGlassError:
+            # The eye is in its wall: it is left out, and said so where it is read.
+            continue
+    return found
+
+
+def _overlap(one, other) -> bool:
+    """Whether two pixel rectangles, half open, have a pixel in common."""
+    low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
+    return bool((low < high).all())
 
 
 def _chains(scene, glass: Glass, view: Viewpoint, read, seen, depsgraph):
@@ -349,6 +399,13 @@ def updating(
     rects = []
     done = 0
     for pane, glass in panes:
+        if pane.rays:
+            # Of use to renders alone; 3D views show such glasses in their own way.
+            if exact:
+                yield Step(done / max(1, len(copies)), f"Rays of {pane.key}")
+                screen = _update_rays(scene, memory, pane, glass, view, layers, depsgraph)
+                rects.append(screen.rect)
+            continue
         try:
             regions = _update_regions(scene, memory, pane, glass, view, layers)
         except RefractiveGlassError as error:
@@ -365,10 +422,17 @@ def updating(
         true_shading = effective_shading(scene) == "TRUE"
         match_settings(scene, layers, _union(rects), true_shading)
         match_lights(layers, depsgraph)
+    by_copies = (path_key(p) for pane, _ in panes for p in pane.paths)
+    by_rays = (
+        path_key(path)
+        for pane, _ in panes
+        if pane.rays and pane.key in memory.ray_screens
+        for path in memory.ray_screens[pane.key][1].paths
+    )
     shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
     memory.status = Status(
         vertices=sum(shape.vertices for shape in shapes),
-        paths=tuple(dict.fromkeys(path_key(p) for pane, _ in panes for p in pane.paths)),
+        paths=tuple(dict.fromkeys((*by_copies, *by_rays))),
         milliseconds=1e3 * (time.perf_counter() - started),
         bound_px=max((shape.bound_px for shape in shapes), default=0.0),
         problems=problems or memory.status.problems,
@@ -422,10 +486,57 @@ def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layer
         screen = build_screen(glass, view, regions, fresnel=fresnel)
         depth = NEAREST * scene.camera.data.clip_start
         write_screen(layers.screen(pane.key), view, screen, depth)
-        wide = 2.0 * scene.camera.data.ortho_scale if view.is_parallel else WIDE * depth
-        write_curtain(layers.curtain().data, BEHIND_SCREENS * depth, wide)
+        _write_curtain(scene, layers, view, depth)
     memory.regions[pane.key] = (stamp, regions)
     return regions
+
+
+def _update_rays(
+    scene, memory, pane: Pane, glass: Glass, view: Viewpoint, layers: Layers, depsgraph
+) -> RayScreen:
+    """The screen of a cup, unless nothing changed that its rays could meet."""
+    settings = scene.refractive_glass
+    fresnel = settings.surface == "GLASS"
+    rect = picture_rect(glass, view)
+    sources = source_objects(scene.view_layers[0])
+    seen = set(seen_through(pane.glass, sources))
+    vertices, _ = first_face(glass, view.eye_for(glass))
+    ends = float(view.clip(glass.points_to_world(vertices))[:, 3].max())
+    front, held = [], []
+    for source in sources:
+        thing = obstacle_of(source, depsgraph)
+        if thing is not None and may_hide(thing, view, rect, ends):
+            front.append(thing)
+        if thing is not None and source in seen and within(thing, glass):
+            held.append(thing)
+    stamps = [[thing.stamp for thing in things] for things in (front, held)]
+    stamp = (glass.stamp(), view.stamp(), fresnel, settings.min_weight, stamps)
+    known = memory.ray_screens.get(pane.key)
+    if known is not None and known[0] == stamp:
+        return known[1]
+    depth = NEAREST * scene.camera.data.clip_start
+    screen = build_ray_screen(
+        glass,
+        view,
+        front,
+        held,
+        fresnel=fresnel,
+        min_weight=settings.min_weight,
+        depth=BEYOND_CURTAIN * depth,
+    )
+    counters["masks"] += 1
+    counters["mask_pixels"] += screen.cover.size
+    write_cover(scene, pane, screen, view)
+    _write_hull(layers.hull(pane.key), glass, view)
+    write_ray_screen(layers.screen(pane.key), view, screen, depth)
+    _write_curtain(scene, layers, view, depth)
+    memory.ray_screens[pane.key] = (stamp, screen)
+    return screen
+
+
+def _write_curtain(scene, layers: Layers, view: Viewpoint, depth: float) -> None:
+    wide = 2.0 * scene.camera.data.ortho_scale if view.is_parallel else WIDE * depth
+    write_curtain(layers.curtain().data, BEHIND_SCREENS * depth, wide)
 
 
 def _write_hull(hull: bpy.types.Object, glass: Glass, view: Viewpoint) -> None:

@@ -14,9 +14,9 @@ from glass_refraction.scene.glasses import glass_modifier, read_glasses
 from glass_refraction.scene.hull import faces_eye, first_face
 from glass_refraction.scene.modifier_inputs import write_input
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.panes import kept_paths, open_paths, thin_paths
+from glass_refraction.scene.panes import kept_paths, open_paths
 from glass_refraction.scene.path_keys import path_key, path_of, short_key
-from glass_refraction.scene.regions import path_regions
+from glass_refraction.scene.regions import left_out_pixels, path_regions
 from glass_refraction.scene.update import find_layers, memory_of, prepare, source_of, update
 from glass_refraction.scene.viewpoint import read_viewpoint
 
@@ -114,36 +114,40 @@ def test_the_outline_is_what_rays_meet(eye):
     assert (np.array(met) == (missed[0] < 0.5)).mean() > 0.995
 
 
-@pytest.mark.parametrize(("eye", "most"), [(LOW, 0.02), (HIGH, 0.03)])
-def test_shares_are_the_light_and_little_is_left_out(eye, most):
-    """From above some rays are caught in the wall under the rim for good."""
+@pytest.mark.parametrize("eye", [LOW, HIGH])
+def test_open_paths_show_all_of_the_light_that_arrives_so_far(eye):
     _scene(eye)
-    _rod()
     scene = scenes.settings(120, 90)
     glass, view = _glass_and_view(scene)
-    thick, thin = kept_paths(scene, glass, view), thin_paths(scene, glass, view)
     begins = open_paths(scene, glass, view)
-    assert begins and all(begin.open for begin in begins) and not set(thick) & set(thin)
-    assert any("R" not in path.events for path in thick)
-    paths = thick + thin
-    found = path_regions(glass, view, paths + begins, smooth=False)
-    complete = found.shares[: len(paths), found.hit]
-    assert complete.sum(axis=0).max() < 1.0 + 1e-5
-    assert (complete.sum(axis=0) < 0.5).mean() < most
-    # What is seen along an open path is all of the light that arrives so far.
+    assert begins and all(begin.open for begin in begins)
+    assert any("R" not in path.events for path in kept_paths(scene, glass, view))
+    found = path_regions(glass, view, begins, smooth=False)
     for number, begin in enumerate(begins):
         rows, columns = np.nonzero(found.hit)
         at, rays = view.rays_in(glass, found.rect[0] + columns + 0.5, found.rect[1] + rows + 0.5)
         listed = optics.light_paths(glass.description, view.eye_for(glass))
         along = [path for path in listed if begin.begins(path)]
         parts, _ = optics.path_weights(glass.description, at, rays, along)
-        assert (found.weights[len(paths) + number, rows, columns] > parts.sum(axis=0) - 1e-5).all()
+        assert (found.weights[number, rows, columns] > parts.sum(axis=0) - 1e-5).all()
+
+
+@pytest.mark.parametrize(("eye", "most"), [(LOW, 0.02), (HIGH, 0.02)])
+def test_little_of_the_light_is_left_out(eye, most):
+    """From above some rays are caught in the wall under the rim for good."""
+    _scene(eye)
+    scene = scenes.settings(60, 45)
+    assert left_out_pixels(scene, scenes.depsgraph(), ()) < most
+    scene.refractive_glass.surface = "REFRACTION"
+    assert left_out_pixels(scene, scenes.depsgraph(), ()) == 0.0
 
 
 def test_copies_trace_back_to_the_points():
     _scene()
     rod = _rod()
     scene = scenes.settings(surface="REFRACTION", shading="DISPLACED")
+    # The other engines' rays show cups without copies.
+    scene.render.engine = "BLENDER_WORKBENCH"
     prepare(scene, scenes.depsgraph())
     update(scene, scenes.depsgraph(), exact=True)
     glass, view = _glass_and_view(scene)
@@ -177,5 +181,5 @@ def test_the_picture_is_that_of_real_glass(tmp_path):
     regions = path_regions(glass, view, (optics.LightPath(""),), smooth=False)
     inside = regions.full(regions.hit, view.size)
     gap = np.clip(found, 0, 1)[inside, :3] - np.clip(reference, 0, 1)[inside, :3]
-    # Small pixels and few samples: most of it is the reference's noise along edges.
-    assert -10 * np.log10(np.mean(gap**2)) > 22.0
+    # Large pixels and few samples: most of it is the reference's noise along edges.
+    assert -10 * np.log10(np.mean(gap**2)) > 28.0
