@@ -593,6 +593,9 @@ class CoaxialPassage:
             away += y * y
             away += z * z
             np.sqrt(away, out=away)
+            if not away.all():
+                # A point at the eye lies in every direction.
+                away[away == 0.0] = 1.0
             np.divide(self.eye_ior, away, out=away)
             zeta = z * away
             away *= y

@@ -359,3 +359,22 @@ def test_images_within_a_ten_thousandth_of_grazing_are_reported(shape, path):
                 assert (miss <= 4e-10 * apparent.distance[slot, shown]).all()
     assert known > 100
     assert lost <= 0.005 * known
+
+
+@pytest.mark.parametrize("tolerance", [1e-9, 4e-7, 2e-5])
+@pytest.mark.parametrize("glass", [SLAB, HOLLOW, BUBBLE])
+def test_a_point_at_the_eye_disturbs_no_other(glass, tolerance):
+    behind = cloud(4)
+    points = np.concatenate((EYE[None], behind))
+    for path in ("TTTT", "TT", "R", "TRT"):
+        alone = optics.apparent_points(glass, path, EYE, behind, tolerance=tolerance)
+        found = optics.apparent_points(glass, path, EYE, points, tolerance=tolerance)
+        proper(found)
+        for slot, sheet in enumerate(alone.sheet):
+            some = alone.valid[slot]
+            if some.any():
+                here = found.sheet.index(sheet)
+                assert found.valid[here, 1:][some].all()
+                np.testing.assert_allclose(
+                    found.direction[here, 1:][some], alone.direction[slot, some], atol=tolerance
+                )
