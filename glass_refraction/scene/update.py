@@ -226,7 +226,7 @@ def prepare(
                 tuple(beyond),
                 traced,
             )
-            empty = (p for p in chains if not pane.carried(p, around))
+            empty = (p for p in chains if around and not pane.carried(p, around))
             bands.append(replace(pane, bare=bare.union(empty)))
     # Each glass goes over those behind it.
     nearness.sort(key=lambda pair: -pair[0])

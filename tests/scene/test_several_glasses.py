@@ -184,3 +184,12 @@ def test_two_glasses_as_the_optics_pair_them():
     far = glasses["Far"].to_local(glasses["Near"].points_to_world(places))
     assert np.abs(both.to_far(places) - far).max() < 1e-12
     assert np.abs(both.to_near(far) - places).max() < 1e-12
+
+
+def test_an_engine_without_rays_shows_nothing_where_chains_have_no_copies():
+    # In a parallel view rays alone show what is seen through two glasses, where there are any.
+    scene = _two_panes((60, 45), surface="GLASS", shading="DISPLACED")
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 0.2
+    pane, _ = _prepared(scene)["Near"]
+    assert THROUGH in pane.paths
