@@ -233,12 +233,10 @@ def _drop_repeated(row: _Row, others: list[_Row], tolerance: float) -> None:
             row.valid &= ~(other.valid & (apart < 10.0 * tolerance))
 
 
-COARSE = 1e-4
-"""Radians by which what Newton's steps start from may be off."""
 STEP = 1e-6
 """Radians between rays whose difference stands for the derivative."""
-MOST = 16
-"""Newton's steps, halved ones included."""
+MOST, FEW = 16, 5
+"""Newton's steps where all digits are asked for, and where few are."""
 LONGEST = 0.3
 """Radians of the longest step."""
 SAMPLES = 33
@@ -254,13 +252,14 @@ class _Search:
         self.pair, self.path, self.eye = pair, path, eye
         self.tolerance = tolerance
         self.miss = tolerance if tolerance > 1e-8 else MISS
+        # Those that take many steps lie where hardly anything of them is seen.
+        self.most = MOST if tolerance <= 1e-8 else FEW
         self.points = pair.to_far(points)
         self.virtual = pair.to_far(_virtual_eye(pair.near, path.first, eye, points))
         if not is_outside(pair.far, self.virtual[None])[0]:
             self.virtual = pair.to_far(eye)
-        self.seen = apparent_points(
-            pair.far, path.second, self.virtual, self.points, tolerance=COARSE
-        )
+        # With all digits: near grazing a start with less does not take the path.
+        self.seen = apparent_points(pair.far, path.second, self.virtual, self.points)
 
     def row(self, slot: int, sheet: tuple) -> tuple[_Row, int]:
         """The images on a sheet of the far glass, and the most steps that a point took."""
@@ -292,7 +291,7 @@ class _Search:
         entry = followed(pair.far, self.virtual, seen.direction[slot], self.path.second, 1)
         places = np.where(entry.valid[:, None], entry.origin, seen.position[slot])
         places = pair.to_near(places)
-        found = apparent_points(pair.near, self.path.first, self.eye, places, tolerance=COARSE)
+        found = apparent_points(pair.near, self.path.first, self.eye, places)
         straight = places - self.eye
         away = np.sqrt(np.sum(straight * straight, axis=1))
         directions = straight / np.where(away > 0.0, away, 1.0)[:, None]
@@ -317,18 +316,21 @@ class _Search:
         ``seen`` (M,): by the virtual eye. Of other points only those are tried that it nearly sees.
         """
         directions = directions.copy()
-        steps, rest = np.zeros(len(points), int), np.zeros(len(points), bool)
+        steps = np.zeros(len(points), int)
         small = 1e-2 * self.tolerance**0.5
         index = np.arange(len(points))
         lines = self._lines(directions, stretch)
-        if lines.valid.any() and not lines.valid.all():
-            directions = self._pulled_in(directions, lines.valid, stretch)
+        if self.most == MOST and lines.valid.any() and (seen & ~lines.valid).any():
+            directions = self._pulled_in(directions, lines.valid, seen & ~lines.valid, stretch)
             lines = self._lines(directions, stretch)
         off = _offsets(points, lines)
-        nearly = _dot(off, off) < (NEARLY * lines.length) ** 2
-        index = index[lines.valid & (seen | nearly)]
+        least = _dot(off, off)
+        tried = lines.valid & (seen | (least < (NEARLY * lines.length) ** 2))
+        # Where few digits are asked for, what the virtual eye sees is mostly near enough.
+        rest = tried & seen & (least < (0.1 * self.miss * lines.length) ** 2)
+        index = index[tried & ~rest]
         off, lines = off[index], _taken(lines, index)
-        for number in range(1, MOST + 1):
+        for number in range(1, self.most + 1):
             if not len(index):
                 break
             here = directions[index]
@@ -365,11 +367,11 @@ class _Search:
             index, off, lines = index[going], off[going], _taken(lines, going)
         return directions, steps, rest
 
-    def _pulled_in(self, directions: Floats, valid: Flags, stretch: int) -> Floats:
-        """Directions just outside of those that take the path, moved towards them."""
+    def _pulled_in(self, directions: Floats, valid: Flags, beside: Flags, stretch: int) -> Floats:
+        """Directions just beside the valid ones that take the path, moved towards them."""
         middle = _unit(directions[valid].mean(axis=0)[None])
         directions = directions.copy()
-        left = np.flatnonzero(~valid)
+        left = np.flatnonzero(beside)
         for part in PULLS:
             tried = _unit(directions[left] + part * (middle - directions[left]))
             good = self._lines(tried, stretch).valid
@@ -380,16 +382,18 @@ class _Search:
     def _step(self, points, directions, off, lines: TracedRays, stretch: int):
         """Newton's steps (M, 3) across the directions, and where there is one (M,)."""
         first, second = _across(directions)
-        columns, known = [], np.ones(len(points), bool)
-        for side in (first, second):
-            ahead = self._lines(_unit(directions + STEP * side), stretch)
-            change = (_offsets(points, ahead) - off) / STEP
-            back = np.flatnonzero(~ahead.valid)
-            if len(back):
-                behind = self._lines(_unit(directions[back] - STEP * side[back]), stretch)
-                change[back] = (off[back] - _offsets(points[back], behind)) / STEP
-                known[back] = behind.valid
-            columns.append(change)
+        count = len(points)
+        here, sides = np.tile(directions, (2, 1)), np.concatenate((first, second))
+        ends, offs = np.tile(points, (2, 1)), np.tile(off, (2, 1))
+        # Rays for both columns at once: of few points the calls cost more than the rays.
+        ahead = self._lines(_unit(here + STEP * sides), stretch)
+        change, known = (_offsets(ends, ahead) - offs) / STEP, ahead.valid.copy()
+        back = np.flatnonzero(~known)
+        if len(back):
+            behind = self._lines(_unit(here[back] - STEP * sides[back]), stretch)
+            change[back] = (offs[back] - _offsets(ends[back], behind)) / STEP
+            known[back] = behind.valid
+        columns, known = (change[:count], change[count:]), known[:count] & known[count:]
         right, up = _across(lines.direction)
         a, c = (_dot(column, right) for column in columns)
         b, d = (_dot(column, up) for column in columns)
@@ -419,9 +423,9 @@ PULLS = (0.002, 0.01, 0.04, 0.15)
 """Parts of the way to the middle of a path's rays by which starts beside it are moved."""
 NEARLY = 0.02
 """Part of its distance by which a ray may miss a point that is then taken to be nearly seen."""
-PATIENCE, SLOW = 4, 0.7
+PATIENCE, SLOW = 3, 0.7
 """From this step on, steps that leave more than this part of the residual are the last."""
-HALVINGS = 4
+HALVINGS = 3
 """Shorter steps tried where one does not help."""
 EXACT = 1e-15
 """Part of the length of a path below which two residuals are as good as one another."""
@@ -459,7 +463,7 @@ def _virtual_eye(near, path: LightPath, eye: Floats, points: Floats) -> Floats:
     The place nearest to all of their lines, in the sense of least squares.
     """
     some = points[:: max(1, len(points) // SAMPLES)]
-    found = apparent_points(near, path, eye, some, tolerance=COARSE)
+    found = apparent_points(near, path, eye, some)
     last = np.flatnonzero(found.stretch == len(path))
     directions = [found.direction[slot][found.valid[slot]] for slot in last]
     directions = np.concatenate([*directions, np.zeros((0, 3))])

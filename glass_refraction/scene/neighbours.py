@@ -19,6 +19,8 @@ from .viewpoint import Viewpoint
 
 MOST_CHAINED = 12
 """Paths through two glasses, of one nearer glass, at most."""
+SLIVER = 0.3
+"""Part of the glass's rays that count at least where the mean weight of a path with mirrors is."""
 
 
 def among(
@@ -101,7 +103,8 @@ def chained_paths(
 ) -> tuple[optics.ChainedPath, ...]:
     """The paths through this glass and another one that carry enough to be shown.
 
-    ``min_weight`` is asked of the mean over the rays that meet the other glass.
+    ``min_weight`` is asked of the mean over the rays that meet the other glass; of paths with a
+    mirror, over no less than ``SLIVER`` of all rays.
 
     Parameters
     ----------
@@ -123,8 +126,12 @@ def chained_paths(
     found = []
     for path, weight in zip(candidates, weights, strict=True):
         rays = np.count_nonzero(arrives[path.first, path.behind] > 0.0)
-        if weight.sum() > 0.0 and weight.sum() >= least * rays:
-            found.append((-weight.sum(), len(found), path))
+        total = weight.sum()
+        if "R" in path.events:
+            # Mirrored in a sliver, who would see it?
+            rays = max(rays, SLIVER * len(weight))
+        if total > 0.0 and total >= least * rays:
+            found.append((-total, len(found), path))
     return tuple(path for _, _, path in sorted(found)[:MOST_CHAINED])
 
 
