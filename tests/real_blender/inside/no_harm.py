@@ -19,6 +19,7 @@ from collections import Counter
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 TAG = "refractive_glass"
 GLASS = "Refractive Glass"
@@ -202,8 +203,13 @@ def _dump_block(block, whole):
     if isinstance(block, bpy.types.Collection):
         lines += sorted(f"object {_named(o)}" for o in block.objects)
     if isinstance(block, bpy.types.Mesh):
-        lines += [str(tuple(v.co)) for v in block.vertices]
-        lines += [str(list(p.vertices)) for p in block.polygons]
+        places = np.empty(3 * len(block.vertices), np.float32)
+        block.vertices.foreach_get("co", places)
+        corners = np.empty(len(block.loops), np.int32)
+        block.loops.foreach_get("vertex_index", corners)
+        sizes = np.empty(len(block.polygons), np.int32)
+        block.polygons.foreach_get("loop_total", sizes)
+        lines += [hashlib.blake2b(part.tobytes()).hexdigest() for part in (places, corners, sizes)]
     if isinstance(block, bpy.types.Object):
         lines += [
             str([list(row) for row in block.matrix_basis]),
