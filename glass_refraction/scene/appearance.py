@@ -36,7 +36,7 @@ from .viewpoint import Viewpoint
 
 FAINT = 0.5
 """Paths with less of the light than this show an object only where a probe's ray comes near it."""
-WATCHED = 1024
+WATCHED = 512
 """Edges that a live update looks at: those that missed most the last time all were looked at."""
 
 
@@ -162,7 +162,7 @@ class Appearance:
     @property
     def vertices(self) -> int:
         """How many there are to draw."""
-        return 0 if self.images is None else len(self.triangles.points)
+        return 0 if self.images is None else self.images.valid.shape[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ class Search:
             triangles = before.triangles.followed(source.snapshot.world(), before.of_source)
             found = self.solver(triangles.points, before.found)
         else:
-            triangles = before.triangles.moved(source.snapshot.world())
+            triangles = before.triangles.moved_to(source.snapshot.world)
             found = self.solver.of_local(self._local(source), before.found)
         images = self.solver.in_world(found)
         if before.images is None:
@@ -260,7 +260,9 @@ class Search:
         if watched is None:
             all_edges, near = self._edges(triangles, images)
             watched = all_edges.worst(near, WATCHED)
-        edges = self._watched(triangles, images, watched)
+        ends = watched.ravel()
+        points = triangles.points[ends] if before.refined else source.snapshot.some(ends)
+        edges = self._watched(points, images, watched)
         every = np.ones(len(watched), bool)
         if edges.wrong(every, self.max_gap_px).any():
             return self.exactly(source, before)
@@ -306,10 +308,9 @@ class Search:
             near = found.near(triangle_edges, self.rect)
         return found, near
 
-    def _watched(self, triangles: Triangles, images: Images, edges: np.ndarray) -> EdgeImages:
-        """Some edges (K, 2) alone, measured."""
+    def _watched(self, points: np.ndarray, images: Images, edges: np.ndarray) -> EdgeImages:
+        """Some edges (K, 2) alone, whose ends are the points (2 K, 3), measured."""
         ends = edges.ravel()
-        points = triangles.points[ends]
         some = Images(images.position[:, ends], images.valid[:, ends], images.stretch)
         pairs = np.arange(len(ends)).reshape(-1, 2)
         found = EdgeImages(points, pairs, some, self.solver.view)

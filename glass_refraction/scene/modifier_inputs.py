@@ -5,10 +5,27 @@ from __future__ import annotations
 
 import bpy
 
+_places: dict[tuple[int, str], int] = {}
+"""Where in its group's interface a socket was last: (the group's session uid, name) -> index."""
 
-def _identifiers(modifier: bpy.types.NodesModifier) -> dict[str, str]:
-    items = modifier.node_group.interface.items_tree
-    return {i.name: i.identifier for i in items if i.item_type == "SOCKET" and i.in_out == "INPUT"}
+
+def _socket(modifier: bpy.types.NodesModifier, name: str) -> bpy.types.NodeTreeInterfaceSocket:
+    """The input socket of that name; KeyError where there is none."""
+    group = modifier.node_group
+    items, key = group.interface.items_tree, (group.session_uid, name)
+    place = _places.get(key, len(items))
+    if place < len(items) and _is_input(items[place], name):
+        return items[place]
+    # The last of a name, should there be several.
+    for place in reversed(range(len(items))):
+        if _is_input(items[place], name):
+            _places[key] = place
+            return items[place]
+    raise KeyError(name)
+
+
+def _is_input(item: bpy.types.NodeTreeInterfaceItem, name: str) -> bool:
+    return item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == name
 
 
 def _menu_items(modifier: bpy.types.NodesModifier, identifier: str):
@@ -17,17 +34,9 @@ def _menu_items(modifier: bpy.types.NodesModifier, identifier: str):
     return [(item[0], item[4]) for item in items]
 
 
-def _is_menu(modifier: bpy.types.NodesModifier, name: str) -> bool:
-    items = modifier.node_group.interface.items_tree
-    return any(
-        i.name == name and i.item_type == "SOCKET" and i.socket_type == "NodeSocketMenu"
-        for i in items
-    )
-
-
 def has_input(modifier: bpy.types.NodesModifier, name: str) -> bool:
     """Whether the node group has the socket ``name``: a file may hold an earlier group."""
-    return name in _identifiers(modifier)
+    return any(_is_input(item, name) for item in modifier.node_group.interface.items_tree)
 
 
 def read_input(modifier: bpy.types.NodesModifier, name: str):
@@ -38,11 +47,12 @@ def read_input(modifier: bpy.types.NodesModifier, name: str):
     KeyError
         If the node group has no such socket.
     """
-    identifier = _identifiers(modifier)[name]
+    socket = _socket(modifier, name)
+    identifier = socket.identifier
     if hasattr(modifier, "properties"):
         return getattr(modifier.properties.inputs, identifier).value
     value = modifier[identifier]
-    if _is_menu(modifier, name):
+    if socket.socket_type == "NodeSocketMenu":
         return next(item for item, number in _menu_items(modifier, identifier) if number == value)
     return value
 
@@ -51,11 +61,12 @@ def write_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
     """Set the socket ``name``, only if it differs: a write tags the object for evaluation."""
     if read_input(modifier, name) == value:
         return
-    identifier = _identifiers(modifier)[name]
+    socket = _socket(modifier, name)
+    identifier = socket.identifier
     if hasattr(modifier, "properties"):
         getattr(modifier.properties.inputs, identifier).value = value
     else:
-        if _is_menu(modifier, name):
+        if socket.socket_type == "NodeSocketMenu":
             value = dict(_menu_items(modifier, identifier))[value]
         modifier[identifier] = value
     modifier.id_data.update_tag()
@@ -63,7 +74,7 @@ def write_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
 
 def value_place(modifier: bpy.types.NodesModifier, name: str) -> tuple[bpy.types.bpy_struct, str]:
     """The piece of Blender data and its property that hold the socket's value, for layouts."""
-    identifier = _identifiers(modifier)[name]
+    identifier = _socket(modifier, name).identifier
     if hasattr(modifier, "properties"):
         return getattr(modifier.properties.inputs, identifier), "value"
     return modifier, f'["{identifier}"]'
@@ -71,7 +82,7 @@ def value_place(modifier: bpy.types.NodesModifier, name: str) -> tuple[bpy.types
 
 def data_path(modifier: bpy.types.NodesModifier, name: str) -> str:
     """RNA path of the socket's value from the object, for keyframes, drivers and panels."""
-    identifier = _identifiers(modifier)[name]
+    identifier = _socket(modifier, name).identifier
     own = f'modifiers["{modifier.name}"]'
     if hasattr(modifier, "properties"):
         return f"{own}.properties.inputs.{identifier}.value"

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import bpy
 import numpy as np
@@ -61,9 +62,15 @@ class Regions:
 
     def importance(self, path: Path) -> float:
         """The weight that the path's light has on average where it has one: sum w^2 / sum w."""
-        weights = self.weights[self.paths.index(path)].astype(float)
-        total = weights.sum()
-        return float((weights**2).sum() / total) if total > 0 else 0.0
+        return self._importances[self.paths.index(path)]
+
+    @cached_property
+    def _importances(self) -> list[float]:
+        found = []
+        for weights in self.weights.astype(float):
+            total = weights.sum()
+            found.append(float((weights**2).sum() / total) if total > 0 else 0.0)
+        return found
 
     def left_out(self) -> np.ndarray:
         """(h, w) float32: the part of the light for which no kept path stands."""

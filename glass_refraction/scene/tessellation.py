@@ -114,6 +114,19 @@ class Triangles:
             other.__dict__["_edges"] = self._edges
         return other
 
+    def moved_to(self, place: Callable[[], np.ndarray]) -> Triangles:
+        """The same, of points that are worked out when they are asked for."""
+        other = self.moved(np.empty((0, 3)))
+        del other.__dict__["points"]
+        other.__dict__["_place"] = place
+        return other
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name != "points" or "_place" not in self.__dict__:
+            raise AttributeError(name)
+        self.__dict__["points"] = self.__dict__.pop("_place")()
+        return self.points
+
     def followed(self, points: np.ndarray, corners: np.ndarray) -> Triangles:
         """The same parts of the source's triangles (corners) of points that are elsewhere."""
         whole, weights = self._rows

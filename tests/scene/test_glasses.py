@@ -10,7 +10,7 @@ import scenes
 
 from glass_refraction import optics
 from glass_refraction.scene.glasses import glass_modifier, read_glass, read_glasses, rigid_pose
-from glass_refraction.scene.modifier_inputs import data_path, read_input, write_input
+from glass_refraction.scene.modifier_inputs import data_path, has_input, read_input, write_input
 from glass_refraction.scene.names import RefractiveGlassError
 
 
@@ -195,3 +195,20 @@ def test_the_modifiers_mesh_is_closed_and_has_the_volume(shape):
     # An inscribed mesh of 128 segments misses at most 0.1 %; turned inside out it is negative.
     assert solid.calc_volume(signed=True) == pytest.approx(expected, rel=2e-3)
     solid.free()
+
+
+def test_inputs_are_read_where_they_are_now():
+    modifier = glass_modifier(scenes.glass(shape="CYLINDER", ior=1.41))
+    group = modifier.node_group.copy()
+    modifier.node_group = group
+    assert read_input(modifier, "IOR") == pytest.approx(1.41)
+    items = group.interface
+    for name in ("IOR", "Radius", "Height"):
+        before = read_input(modifier, name)
+        items.move(next(i for i in items.items_tree if i.name == name), 0)
+        assert read_input(modifier, name) == before
+    items.remove(next(i for i in items.items_tree if i.name == "Radius"))
+    assert not has_input(modifier, "Radius")
+    with pytest.raises(KeyError, match="Radius"):
+        read_input(modifier, "Radius")
+    assert read_input(modifier, "IOR") == pytest.approx(1.41)

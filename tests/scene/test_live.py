@@ -316,3 +316,26 @@ def test_the_picture_of_a_live_scene_is_that_of_an_exact_one(tmp_path):
     door.forget()
     alone = scenes.picture(scene, tmp_path, "alone")
     np.testing.assert_array_equal(after, alone)
+
+
+def test_a_copy_that_is_not_looked_up_places_no_vertex_in_the_world():
+    # Only the watched edges' ends are: a third of a live update would go there.
+    scenes.camera()
+    bpy.ops.mesh.primitive_grid_add(
+        x_subdivisions=60, y_subdivisions=60, size=0.03, location=(0.0, 0.1, 0.06)
+    )
+    wall = bpy.context.object
+    scene = scenes.settings(surface="REFRACTION", shading="DISPLACED", tolerance_px=8.0)
+    scenes.glass(shape="CYLINDER")
+    bpy.ops.scene.refractive_glass_update()
+    for _ in range(3):
+        wall.location.x += 0.001
+        bpy.context.view_layer.update()
+        door.update(scene, scenes.depsgraph(), exact=False)
+    shapes = [shape for _, _, shape in door.memory_of(scene).copies.values()]
+    whole = [shape for shape in shapes if shape.images is not None and not shape.refined]
+    assert whole
+    for shape in whole:
+        assert "points" not in vars(shape.triangles)
+        placed = wall.matrix_world.to_translation().x + positions(wall.data)[:, 0]
+        np.testing.assert_allclose(shape.triangles.points[:, 0], placed, atol=1e-6)
