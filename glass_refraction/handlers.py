@@ -24,6 +24,9 @@ from .scene.names import TAG, RefractiveGlassError, own
 
 REST_SECONDS = 0.3
 """Changes come in bursts (a dragged object, a slider): wait for the last one."""
+LOADED_SECONDS = 0.05
+"""After undo, redo and load nothing stands, and F12 would show the bare mesh: wait no longer than
+for the next of keys held down."""
 
 _asked: set[int] = set()
 _withdrawn: set[int] = set()
@@ -31,20 +34,20 @@ _withdrawn: set[int] = set()
 _rendering = False
 
 
-def request_update(scene: bpy.types.Scene | None) -> None:
+def request_update(scene: bpy.types.Scene | None, seconds: float = REST_SECONDS) -> None:
     """Ask for the scene to be prepared once changes have come to rest."""
     if scene is None or bpy.app.background or own(scene):
         return
     _asked.add(scene.original.session_uid)
-    _serve_soon()
+    _serve_in(seconds)
 
 
-def _serve_soon() -> None:
+def _serve_in(seconds: float) -> None:
     if bpy.app.background:
         return
     if bpy.app.timers.is_registered(_serve):
         bpy.app.timers.unregister(_serve)
-    bpy.app.timers.register(_serve, first_interval=REST_SECONDS)
+    bpy.app.timers.register(_serve, first_interval=seconds)
 
 
 def leave_own_scenes() -> None:
@@ -101,7 +104,7 @@ def _prepare(scene: bpy.types.Scene) -> None:
 def _on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if own(scene):
         if any(own(window.scene) for window in _windows()):
-            _serve_soon()
+            _serve_in(REST_SECONDS)
         return
     changes.note(scene, depsgraph)
     if _rendering:
@@ -189,7 +192,7 @@ def _on_data_replaced(*_) -> None:
 def _request_all() -> None:
     """Ask for all scenes: files do not hold what is made again, and nothing in them has changed."""
     for scene in bpy.data.scenes:
-        request_update(scene)
+        request_update(scene, LOADED_SECONDS)
 
 
 @persistent
