@@ -31,6 +31,7 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
     """Build the scene from an empty file and return it; ``unlit`` and ``with_glass`` as ever."""
     scene = eraser.build(unlit=unlit, with_glass=with_glass)
     scene.name = "two_glasses"
+    scene.refractive_glass.shading = "DISPLACED" if unlit else "TRUE"
     if with_glass:
         add_pane()
         common.settle(scene, eraser.PICTURE_FRAME)

@@ -15,6 +15,7 @@ sys.path.insert(0, str(FOLDER))
 import aquarium  # noqa: E402
 import fishbowl  # noqa: E402
 import gems  # noqa: E402
+import two_glasses  # noqa: E402
 import verge  # noqa: E402
 
 import common  # noqa: E402
@@ -22,8 +23,14 @@ from glass_refraction.optics import MEDIA  # noqa: E402
 from glass_refraction.scene.glasses import read_glasses  # noqa: E402
 from glass_refraction.scene.sources import reaches_into  # noqa: E402
 
-SCRIPTS = {"verge": verge, "aquarium": aquarium, "fishbowl": fishbowl, "gems": gems}
-GLASSES = {"verge": 2, "aquarium": 1, "fishbowl": 1, "gems": len(MEDIA)}
+SCRIPTS = {
+    "verge": verge,
+    "aquarium": aquarium,
+    "fishbowl": fishbowl,
+    "gems": gems,
+    "two_glasses": two_glasses,
+}
+GLASSES = {"verge": 2, "aquarium": 1, "fishbowl": 1, "gems": len(MEDIA), "two_glasses": 2}
 
 
 @pytest.fixture(autouse=True)
@@ -88,3 +95,26 @@ def test_the_sky_has_all_directions_and_no_seam():
     assert sky.shape == (256, 512, 3)
     assert sky.min() > 0.0 and sky.max() > 2.0
     assert np.abs(sky[:, 0] - sky[:, -1]).max() < 0.1
+
+
+def test_the_pane_stands_before_a_part_of_the_cup_and_the_eraser():
+    scene = two_glasses.build()
+    glasses, camera = _glasses(), scene.camera
+    corners = np.array(glasses["Pane"].description.outline)
+    corners = glasses["Pane"].points_to_world(np.column_stack((corners, np.zeros(len(corners)))))
+    eye = np.array(camera.matrix_world.translation)
+    away = corners - eye
+    right = (away[:, 0] / away[:, 1]).max()
+
+    def reach(name):
+        points = [
+            scene.objects[name].matrix_world @ v.co for v in scene.objects[name].data.vertices
+        ]
+        points = np.array(points) - eye
+        return points[:, 0] / points[:, 1], points[:, 1].min()
+
+    eraser, nearest = reach("Eraser")
+    assert eraser.min() < right < eraser.max()
+    cup = glasses["Glass"]
+    assert (-cup.description.radius[0] - eye[0]) / -eye[1] < right
+    assert away[:, 1].max() < min(nearest, -eye[1] - cup.description.radius[0])
