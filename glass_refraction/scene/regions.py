@@ -317,17 +317,18 @@ class PathRays:
         dx, dy = _filter_places()
         found, hit, _ = self.weights((x[:, None] + dx).ravel(), (y[:, None] + dy).ravel())
         hit = hit.reshape(len(x), len(dx))
-        shares = found if self.total is not None else self.shared(found)
-        found = np.concatenate((found, shares))
         found = found.reshape(len(found), *hit.shape)
-        if self.total is not None:
-            found[len(self.paths) :] /= self.total[:, None]
         apart = np.hypot(dx[:, None] - dx, dy[:, None] - dy)
         mixed = np.flatnonzero(hit.any(axis=1) & ~hit.all(axis=1))
         nearest = np.where(hit[mixed, None, :], apart, np.inf).argmin(axis=2)
         found[:, mixed] = np.take_along_axis(found[:, mixed], nearest[None], axis=2)
         found[:, ~hit.any(axis=1)] = 0.0
-        return found.mean(axis=2), hit.mean(axis=1)
+        means = found.mean(axis=2)
+        if self.total is not None:
+            shares = means / self.total
+        else:
+            shares = self.shared(found).mean(axis=2)
+        return np.concatenate((means, shares)), hit.mean(axis=1)
 
 
 def tints(glass: Glass, view: Viewpoint, regions: Regions, path: Path) -> np.ndarray:
