@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .laws import fresnel
 from .paths import LightPath, ParallelView, as_path
+from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import Cylinder, Floats, Plane, Rays, Viewpoint
 
@@ -232,10 +233,21 @@ def start(glass: AxialGlass, origin: ArrayLike, direction: ArrayLike) -> list[Gr
 
 def nearest(glass: AxialGlass, medium: int, rays: Rays) -> tuple[NDArray[np.intp], Floats]:
     """Number of the interface that each ray meets next, −1 for none, and the way to it."""
+    return _nearest_marked(glass, medium, rays)[:2]
+
+
+def _nearest_marked(glass: AxialGlass, medium: int, rays: Rays) -> tuple:
+    """The same, and where on a `Profile` the meeting is, which is costly to find again."""
     met = np.full(len(rays.place[0]), -1, dtype=np.intp)
     least = np.full(len(met), np.inf)
+    marks = np.zeros(len(met))
     for number, interface in glass.around(medium):
-        way, ahead = interface.surface.meet(rays, interface.back == medium)
+        surface, back = interface.surface, interface.back == medium
+        spot = None
+        if isinstance(surface, Profile):
+            way, ahead, (_, spot) = surface.meet_at(rays, back)
+        else:
+            way, ahead = surface.meet(rays, back)
         closer = np.flatnonzero(ahead & (way < least))
         if not len(closer):
             continue
@@ -243,7 +255,9 @@ def nearest(glass: AxialGlass, medium: int, rays: Rays) -> tuple[NDArray[np.intp
         inside = interface.surface.within(*some.at(way[closer]))
         closer = closer[inside]
         met[closer], least[closer] = number, way[closer]
-    return met, np.where(met >= 0, np.maximum(least, 0.0), 0.0)
+        if spot is not None:
+            marks[closer] = spot[closer]
+    return met, np.where(met >= 0, np.maximum(least, 0.0), 0.0), marks
 
 
 def follow(
@@ -266,7 +280,7 @@ def follow(
         group = stack.pop()
         if watch(group.steps):
             yield replace(group, open=True)
-        met, way = nearest(glass, group.medium, group.rays)
+        met, way, marks = _nearest_marked(glass, group.medium, group.rays)
         ior = glass.media[group.medium]
         if group.medium == 0:
             ends = np.flatnonzero(met < 0)
@@ -291,7 +305,8 @@ def follow(
             part, ways = group.take(here), way[here]
             rays = part.rays
             trail = (*part.trail, (group.medium, ways * ior)) if trails else ()
-            reflected = _reflectance(interface.surface, rays, ways, ior, glass.media[beyond])
+            spot = marks[here] if isinstance(interface.surface, Profile) else None
+            reflected = _reflectance(interface.surface, rays, ways, ior, glass.media[beyond], spot)
             for event in "TR":
                 steps = (*group.steps, (interface.name, event))
                 weight = part.weight * (reflected if event == "R" else 1.0 - reflected)
@@ -299,7 +314,7 @@ def follow(
                 if keep is None:
                     continue
                 gain = None if event == "R" else glass.media[beyond] ** 2 - ior**2
-                after, possible = interface.surface.pass_by(rays, ways, back, gain)
+                after, possible = interface.surface.pass_by(rays, ways, back, gain, spot)
                 keep = np.flatnonzero(keep & possible)
                 if len(keep):
                     medium = group.medium if event == "R" else beyond
@@ -307,8 +322,9 @@ def follow(
                     stack.append(behind.take(keep))
 
 
-def _reflectance(surface, rays: Rays, way, ior: float, beyond: float) -> Floats:
-    normal = surface.normal(*rays.at(way))
+def _reflectance(surface, rays: Rays, way, ior: float, beyond: float, spot) -> Floats:
+    place = rays.at(way)
+    normal = surface.normal(*place) if spot is None else surface.normal(*place, spot)
     towards = sum(p * n for p, n in zip(rays.momentum, normal, strict=True))
     return fresnel(towards / ior, ior / beyond)
 

@@ -187,11 +187,20 @@ class Profile:
         # Rays that meet nothing may overflow.
         with np.errstate(all="ignore"):
             if mark is None:
-                mark, found = self._search(rays, back)
-            else:
-                found = True
+                return self._found(rays, back, *self._search(rays, back))
             way, t, exact = self._refine(rays, mark[0], mark[1])
-            return self._told(rays, way, t, exact & found, back)
+            return self._told(rays, way, t, exact, back)
+
+    def _found(self, rays: Rays, back: bool, mark, found):
+        """The meetings that were searched for, made exact; the rays that have none are left out."""
+        way, ahead = np.zeros(len(found)), np.zeros(len(found), dtype=bool)
+        some = np.flatnonzero(found)
+        if len(some):
+            parts = (rays.place, rays.momentum)
+            rays = Rays(*(tuple(np.broadcast_to(c, len(found))[some] for c in p) for p in parts))
+            begin, t, exact = self._refine(rays, mark[0, some], mark[1, some])
+            way[some], ahead[some], mark[:, some] = self._told(rays, begin, t, exact, back)
+        return way, ahead, mark
 
     def _told(self, rays: Rays, way, t, exact, back: bool):
         ahead = exact & (way >= -SKIN) & (t >= -1e-9) & (t <= self.count + 1e-9)
