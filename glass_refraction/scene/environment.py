@@ -20,7 +20,7 @@ from .arrays import positions, write_attribute, write_polygons
 from .glasses import NAMED_SHAPES, glass_modifier, glass_objects
 from .modifier_inputs import read_input
 from .names import TAG, hidden_name, own
-from .ray_screen import SLOTS, RayScreen
+from .ray_screen import RayScreen
 from .screen import Screen
 from .viewpoint import Viewpoint
 
@@ -184,15 +184,15 @@ def write_ray_screen(
     places = origins + directions * (depth / (directions @ view.forward))[:, None]
     mesh.clear_geometry()
     write_polygons(mesh, places, screen.cells)
-    for number in range(SLOTS):
-        for part, values in zip(
-            _PARTS, (screen.origins, screen.directions, screen.colours), strict=True
-        ):
-            name = _attribute(part, number)
-            if number < len(values):
-                write_attribute(mesh, name, values[number], "FLOAT_VECTOR", "CORNER")
-            elif name in mesh.attributes:
-                mesh.attributes.remove(mesh.attributes[name])
+    all_values = (screen.origins, screen.directions, screen.colours)
+    for part, values in zip(_PARTS, all_values, strict=True):
+        for number, value in enumerate(values):
+            write_attribute(mesh, _attribute(part, number), value, "FLOAT_VECTOR", "CORNER")
+        # Slots that are empty now.
+        number = len(values)
+        while (unused := mesh.attributes.get(_attribute(part, number))) is not None:
+            mesh.attributes.remove(unused)
+            number += 1
     mesh.update()
     mesh.update_tag()
 

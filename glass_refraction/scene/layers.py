@@ -38,7 +38,6 @@ from .memory import counters
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
 from .path_keys import Path, path_key, path_of, short_key
-from .ray_screen import SLOTS
 from .regions import FILTER_WIDTH
 from .shaders import curtain_material, depth_material, lookup_material, mask_material
 from .sources import is_carried
@@ -63,7 +62,7 @@ _MIRRORED = "refractive_glass_mirrored"
 _PATHS = "refractive_glass_paths"
 """On a glass's hull: the keys of all its paths."""
 _RAYS = "refractive_glass_by_rays"
-"""On a glass's hull: whether the engine's rays show all that is seen through it."""
+"""On a glass's hull: how many slots its screen has, if rays show all that is seen through it."""
 
 _SESSION = uuid.uuid4().hex
 """Blender numbers data-blocks anew in each session: in another this number is another's."""
@@ -86,8 +85,9 @@ class Pane:
     """The sources that reach into other glasses that are shown through this one."""
     traced: frozenset[Path] = frozenset()
     """Paths of which copies show nothing but what the glass itself holds."""
-    rays: bool = False
-    """A cup of which the engine's rays show everything: it has no paths of its own here."""
+    rays: int = 0
+    """Of a cup of which the engine's rays show everything, the slots of its screen: it has no paths
+    of its own here."""
 
     @property
     def key(self) -> str:
@@ -128,7 +128,7 @@ class Pane:
         One for all that the same things stand before.
         """
         if self.rays:
-            return {f"{self.key} mirrored": tuple(range(SLOTS))}
+            return {f"{self.key} mirrored": tuple(range(self.rays))}
         if not around:
             return {}
         groups: dict[tuple, list[int]] = {}
@@ -195,10 +195,10 @@ class Layers:
                 found[name] = keys, [key for key in keys if (name, key) not in drawn]
         return found
 
-    def by_rays(self) -> set[str]:
-        """Names of the glasses of which rays show everything."""
+    def by_rays(self) -> dict[str, int]:
+        """Names of the glasses of which rays show everything, and their screens' slots."""
         hulls = [c for c in self.mask.collection.children if own(c, "hull")]
-        return {hull[_GLASS] for hull in hulls if hull[_RAYS]}
+        return {hull[_GLASS]: hull[_RAYS] for hull in hulls if hull[_RAYS]}
 
     def occluders(self) -> dict[int, bpy.types.Object]:
         """Source's session uid -> the object that stands at its true place."""
@@ -684,7 +684,7 @@ def match_settings(
         _match(scene, own_scene, picture, *_emission_settings(samples, width), lit=False)
     _match_samples(scene, layers.around, around)
     _draw_all_or_held(layers.displaced, shows_objects(around) and true_shading)
-    copied = bool(layers.path_keys().keys() - layers.by_rays())
+    copied = bool(layers.path_keys().keys() - layers.by_rays().keys())
     for own_scene, used in (
         (layers.lookup, true_shading and copied),
         (layers.mask, copied),

@@ -155,7 +155,7 @@ def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pan
                 # What has come to stand otherwise since is seen no more until all is made anew.
                 there = {other.name for other in banded.others}
                 paths = tuple(p for p in paths if getattr(p, "behind", None) in {None, *there})
-            rays = banded.key in by_rays
+            rays = by_rays.get(banded.key, 0)
             pane = Pane(obj, paths, (), bare=frozenset(bare), band=banded.band, rays=rays)
             panes.append((pane, banded))
     return panes

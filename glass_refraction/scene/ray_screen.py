@@ -36,7 +36,7 @@ EDGE_PX = 0.3
 NEAR = 2
 """Largest cells beside one that is split that are split too: a thin region may slip between rays.
 """
-SLOTS = 10
+SLOTS = {"GLASS": 10, "REFRACTION": 4}
 """Ways that a cell keeps; the light of weaker ones is shared out among these."""
 BEYOND = 2
 """Pixels round the glass that its screen covers: so far the pixel filter reaches."""
@@ -76,6 +76,7 @@ def build_ray_screen(
     fresnel: bool,
     min_weight: float,
     depth: float,
+    slots: int = SLOTS["GLASS"],
 ) -> RayScreen:
     """The rays through a glass, wherever it is seen.
 
@@ -85,6 +86,7 @@ def build_ray_screen(
     fresnel : weigh by Fresnel's equations; else surfaces only refract.
     min_weight : ways with less of a ray's light are left out, in small cells some more.
     depth : along the view direction, metres: from there on straight rays run.
+    slots : ways that a cell keeps, at most.
     """
     rect = picture_rect(glass, view)
     rays = _Rays(glass, view, front, held, fresnel, min_weight, depth, np.array(rect[:2]) - BEYOND)
@@ -92,7 +94,7 @@ def build_ray_screen(
     corners, ids = _split(rays, cover)
     vertices, cells = np.unique(ids, return_inverse=True)
     cells = cells.reshape(-1, 4)
-    origins, directions, colours = _slots(rays, ids)
+    origins, directions, colours = _slots(rays, ids, slots)
     rows, owner = rays.rows(ids.ravel())
     area = (corners[:, 1, 0] - corners[:, 0, 0])[owner // 4] ** 2
     share = np.bincount(rays.way[rows], rays.weight[rows] * area, len(rays.paths))
@@ -327,7 +329,9 @@ def _is_rough(rays: _Rays, numbers: np.ndarray, size_px: float) -> np.ndarray:
     return np.bincount(cell_of, rough, len(numbers)) > 0
 
 
-def _slots(rays: _Rays, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _slots(
+    rays: _Rays, numbers: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Origins, directions and colours (S, C, 4, 3) of the cells with corners (C, 4)."""
     total = len(numbers)
     rows, owner = rays.rows(numbers.ravel())
@@ -339,7 +343,7 @@ def _slots(rays: _Rays, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     start = np.searchsorted(cell_of[order], np.arange(total))
     rank = np.empty(len(pairs), np.intp)
     rank[order] = np.arange(len(pairs)) - start[cell_of[order]]
-    slots = min(SLOTS, int(rank.max(initial=0)) + 1)
+    slots = min(most, int(rank.max(initial=0)) + 1)
     kept = rank[group] < slots
     # The light of ways without a slot is shared out among the others at that corner.
     place = cell * 4 + corner

@@ -73,7 +73,7 @@ from .names import RefractiveGlassError
 from .neighbours import among, chained_paths
 from .panes import kept_paths, open_paths, standing_panes, thin_paths
 from .path_keys import Path, path_key
-from .ray_screen import RayScreen, build_ray_screen
+from .ray_screen import SLOTS, RayScreen, build_ray_screen
 from .regions import Regions, path_regions, picture_rect
 from .screen import build_screen
 from .sources import (
@@ -197,7 +197,8 @@ def prepare(
     for obj, glass, kept in read:
         seen = tuple(seen_through(obj, sources))
         if not kept:
-            panes = [Pane(obj, (), seen, band=banded.band, rays=True) for banded in glass.bands()]
+            slots = SLOTS[scene.refractive_glass.surface]
+            panes = [Pane(obj, (), seen, band=banded.band, rays=slots) for banded in glass.bands()]
             nearness.append((_depth(glass, view), panes))
             continue
         contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
@@ -510,7 +511,7 @@ def _update_rays(
         if thing is not None and source in seen and within(thing, glass):
             held.append(thing)
     stamps = [[thing.stamp for thing in things] for things in (front, held)]
-    stamp = (glass.stamp(), view.stamp(), fresnel, settings.min_weight, stamps)
+    stamp = (glass.stamp(), view.stamp(), fresnel, settings.min_weight, stamps, pane.rays)
     known = memory.ray_screens.get(pane.key)
     if known is not None and known[0] == stamp:
         return known[1]
@@ -523,11 +524,11 @@ def _update_rays(
         fresnel=fresnel,
         min_weight=settings.min_weight,
         depth=BEYOND_CURTAIN * depth,
+        slots=pane.rays,
     )
     counters["masks"] += 1
     counters["mask_pixels"] += screen.cover.size
     write_cover(scene, pane, screen, view)
-    _write_hull(layers.hull(pane.key), glass, view)
     write_ray_screen(layers.screen(pane.key), view, screen, depth)
     _write_curtain(scene, layers, view, depth)
     memory.ray_screens[pane.key] = (stamp, screen)

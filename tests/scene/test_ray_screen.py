@@ -56,7 +56,7 @@ def test_all_light_has_a_slot_at_every_corner(eye):
     _scene(eye)
     glass, view = _glass_and_view(scenes.settings(40, 30))
     screen = build_ray_screen(glass, view, (), (), fresnel=True, min_weight=0.01, depth=DEPTH)
-    assert len(screen.colours) <= SLOTS
+    assert len(screen.colours) <= SLOTS["GLASS"]
     np.testing.assert_allclose(screen.colours.sum(axis=0), 1.0, atol=2e-6)
     lit = screen.colours.max(axis=3) > 0
     np.testing.assert_allclose(np.linalg.norm(screen.directions[lit], axis=1), 1.0, atol=1e-6)
