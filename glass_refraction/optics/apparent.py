@@ -264,6 +264,17 @@ def _directly(slots: Slots, guess) -> tuple[NDArray[np.intp], int]:
                 unknowns, more = refine(unknowns, solved, small)
                 steps = steps + more
         settled = slots.put(MAIN, block, unknowns, targets, True)
+        if narrow and not settled.all():
+            # A step was not enough near the edge of the domain: most of these need one more.
+            some = np.flatnonzero(~settled & rested)
+            nearer, more = newton(
+                passage, [u[some] for u in unknowns], [t[some] for t in solved], small=least, most=2
+            )
+            for unknown, part in zip(unknowns, nearer, strict=True):
+                unknown[some] = part
+            steps[some] += more
+            part = [target[some] for target in targets]
+            settled[some] = slots.put(MAIN, block.start + some, nearer, part, True)
         if not settled.all():
             lost = ~settled
             if coarse:
