@@ -17,6 +17,7 @@ import bpy
 import numpy as np
 
 from .. import optics
+from ..optics.axial import AxialGlass
 from ..scene.appearance import Appearance, Search, Solver, Source
 from ..scene.changes import generation
 from ..scene.copies import seen_vertices, used_slots
@@ -222,6 +223,9 @@ class Picture:
         hull = _hull(glass, view)
         if exact or known is None or known.stamp[2:] != stamp[2:]:
             paths = kept_paths(scene, glass, view)
+            if isinstance(glass.description, AxialGlass):
+                # A cup's mirrors take long to search, for faint images: what they lack others give.
+                paths = tuple(p for p in paths if "R" not in p.events) or paths
         else:
             paths = known.paths
         step = 1 if exact else COARSE_STEP

@@ -124,6 +124,28 @@ def test_the_same_pictures_without_the_extension(tmp_path, engine, shading):
         np.testing.assert_array_equal(live[number], parts[number])
 
 
+def test_a_cup_and_what_it_holds_without_the_extension(tmp_path):
+    """Rays are baked as any own mesh: as many cells as each frame has."""
+    scene, _, glass = _scene(tmp_path)
+    bpy.data.objects.remove(glass)
+    scenes.glass(shape="TUMBLER", radius=0.036, height=0.11, liquid_level=0.06, contents_ior=1.333)
+    bpy.ops.mesh.primitive_cube_add(size=0.03, location=(0.0, 0.0, 0.06))
+    cube = bpy.context.object
+    cube.data.materials.append(scenes.emissive("cube", (0.9, 0.6, 0.1)))
+    for frame, z in ((1, 0.04), (3, 0.08)):
+        cube.location.z = z
+        cube.keyframe_insert("location", frame=frame)
+    scenes.settings(40, 30)
+    _save(tmp_path)
+    before = _pictures(scene, tmp_path, "before")
+    assert np.abs(before[0] - before[2]).max() > 0.3
+    assert _bake(frame_start=1, frame_end=3) == {"FINISHED"}
+    _save(tmp_path)
+    after = _pictures_without_the_extension(tmp_path, "after", 1, 3)
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_frames_beside_the_range_hold_the_nearest(tmp_path):
     scene, _, _ = _scene(tmp_path)
     scene.render.film_transparent = True

@@ -120,6 +120,28 @@ def test_rays_meet_a_triangle_where_it_is():
     assert thing.stamp != Obstacle(points + 1e-9, thing.corners).stamp
 
 
+def test_workbench_shows_the_thing_in_the_liquid_as_wide_as_it_appears(tmp_path):
+    """That engine sends no rays on: copies stand for what the glass holds."""
+    _scene((0.0, -0.33, 0.05))
+    rod = _rod((0.0, 0.0, 0.06), 0.0, depth=0.1)
+    rod.data.materials[0].diffuse_color = (1.0, 0.0, 0.0, 1.0)
+    bpy.data.objects["Wall"].hide_render = True
+    scene = scenes.settings(160, 120, surface="REFRACTION", shading="DISPLACED")
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.display.shading.light, scene.display.shading.color_type = "FLAT", "MATERIAL"
+    drawn = scenes.picture(scene, tmp_path)
+    assert not status(scene).problems
+    assert find_layers(scene).copies()
+    red = (drawn[..., 0] > 0.8) & (drawn[..., 1] < 0.2)
+    view = read_viewpoint(scene, scenes.depsgraph())
+    wide = [
+        red[int(view.pixels(np.array([(0.0, 0.0, height)]))[0, 1])].sum()
+        for height in (0.045, 0.09)
+    ]
+    assert wide[1] >= 4
+    assert wide[0] > 1.2 * wide[1]
+
+
 def test_rays_are_found_anew_only_when_something_moves():
     _scene(LOW)
     rod = _rod()
