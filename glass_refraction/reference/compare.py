@@ -16,7 +16,7 @@ from ..scene.names import RefractiveGlassError
 from ..scene.path_keys import path_of
 from ..scene.regions import left_out_pixels, region_masks
 from ..scene.update import effective_shading, status
-from ..scene.viewpoint import read_viewpoint
+from ..scene.viewpoint import border_window, read_viewpoint
 from .cycles import render_reference, samples_setting, scene_depsgraph
 from .metrics import to_srgb
 from .picture import render_picture
@@ -156,9 +156,8 @@ def _masks(
     masks |= {f"path {events}": mask for events, mask in regions.items()}
     render = scene.render
     if render.use_border:
-        height, width = outside.shape
-        rows = slice(int(render.border_min_y * height), int(render.border_max_y * height))
-        columns = slice(int(render.border_min_x * width), int(render.border_max_x * width))
+        x0, y0, x1, y1 = border_window(scene)
+        rows, columns = slice(y0, y1), slice(x0, x1)
         rendered = np.zeros_like(outside)
         rendered[rows, columns] = True
         masks = {name: mask & rendered for name, mask in masks.items()}

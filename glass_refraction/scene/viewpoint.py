@@ -188,17 +188,27 @@ def read_viewpoint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Vi
 
 def render_window(scene: bpy.types.Scene) -> tuple[int, int, int, int]:
     """The pixels of the frame that the rendered picture holds: (x0, y0, x1, y1), half open."""
-    width, height = render_size(scene)
     render = scene.render
     if not (render.use_border and render.use_crop_to_border):
-        return (0, 0, width, height)
-    # Rounded as Blender does when a render starts.
-    return (
-        int(render.border_min_x * width),
-        int(render.border_min_y * height),
-        int(render.border_max_x * width),
-        int(render.border_max_y * height),
+        return (0, 0, *render_size(scene))
+    return border_window(scene)
+
+
+def border_window(scene: bpy.types.Scene) -> tuple[int, int, int, int]:
+    """The pixels of the frame within its border, whether it is used or not."""
+    width, height = render_size(scene)
+    render = scene.render
+    # Rounded as Blender does when a render starts: 0.7 of 60 is 42 in single precision alone.
+    x0, y0, x1, y1 = (
+        int(np.float32(part) * np.float32(size))
+        for part, size in (
+            (render.border_min_x, width),
+            (render.border_min_y, height),
+            (render.border_max_x, width),
+            (render.border_max_y, height),
+        )
     )
+    return (x0, y0, x1, y1)
 
 
 def render_size(scene: bpy.types.Scene) -> tuple[int, int]:

@@ -8,6 +8,7 @@ import scenes
 from mathutils import Vector
 
 from glass_refraction import optics
+from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene.glasses import glass_modifier, read_glasses
 from glass_refraction.scene.layers import find_layers
 from glass_refraction.scene.modifier_inputs import write_input
@@ -118,6 +119,28 @@ def test_rays_meet_a_triangle_where_it_is():
     np.testing.assert_array_equal(thing.box().max(axis=0), points.max(axis=0))
     assert thing.stamp == Obstacle(points.copy(), thing.corners).stamp
     assert thing.stamp != Obstacle(points + 1e-9, thing.corners).stamp
+
+
+@pytest.mark.parametrize("view", ["parallel", "in the liquid", "cropped"])
+def test_other_eyes_see_what_real_glass_shows(tmp_path, view):
+    _scene((0.0, -0.01, 0.05) if view == "in the liquid" else HIGH)
+    _rod((0.005, 0.012, 0.06), 0.3)
+    scene = scenes.settings(60, 60, samples=32, surface="REFRACTION", shading="DISPLACED")
+    camera, render = scene.camera.data, scene.render
+    if view == "parallel":
+        camera.type, camera.ortho_scale = "ORTHO", 0.16
+    elif view == "in the liquid":
+        camera.lens, camera.clip_start = 20.0, 0.001
+    else:
+        render.use_border = render.use_crop_to_border = True
+        render.border_min_x, render.border_max_x = 0.3, 0.7
+        render.border_min_y, render.border_max_y = 0.2, 0.6
+    bpy.context.view_layer.update()
+    found = scenes.picture(scene, tmp_path)
+    reference = render_reference(scene, surface="REFRACTION")
+    assert found.shape == reference.shape
+    gap = np.clip(found, 0, 1)[..., :3] - np.clip(reference, 0, 1)[..., :3]
+    assert -10 * np.log10(np.mean(gap**2)) > 26.0
 
 
 def test_workbench_shows_the_thing_in_the_liquid_as_wide_as_it_appears(tmp_path):

@@ -9,7 +9,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.viewpoint import read_viewpoint
+from glass_refraction.scene.viewpoint import border_window, read_viewpoint
 
 CAMERAS = [
     {},
@@ -61,3 +61,10 @@ def test_panoramic_camera_is_said():
     scenes.camera(type="PANO")
     with pytest.raises(RefractiveGlassError, match="lens type"):
         read_viewpoint(bpy.context.scene, scenes.depsgraph())
+
+
+def test_a_border_ends_where_blender_rounds_it():
+    """0.7 of 60 pixels: 41.99... in double precision, 42 as Blender multiplies."""
+    scene = scenes.settings(60, 60)
+    scene.render.border_min_x, scene.render.border_max_x = 0.3, 0.7
+    assert border_window(scene)[::2] == (18, 42)
