@@ -50,6 +50,9 @@ LEAST_SAMPLES = 4
 """With less, edges in what rays show would not be smooth."""
 MASK_SAMPLES = 32
 """Of the outlines; they cost next to nothing."""
+FAINT_NOISE = 0.08
+"""Cycles' measure of a pixel's noise, times the square root of the samples, at which rays that go
+on from a glass get no more samples there: they stay less noisy than what the engine draws."""
 ROLES = ("lookup", "mask", "displaced", "around")
 DEPTH_LAYER = "depth"
 
@@ -753,16 +756,21 @@ _CONSTANT_ONCE = {
 
 def _around_settings(scene: bpy.types.Scene) -> tuple[dict, dict]:
     """Render and Cycles settings of the scene around."""
+    by_cycles = scene.render.engine == "CYCLES"
     cycles = {
-        "samples": scene.cycles.samples,
+        "samples": scene.cycles.samples if by_cycles else scene.eevee.taa_render_samples,
         "use_layer_samples": "USE",
         # The way through the screen counts as a transparent bounce, and past the curtain.
         "transparent_max_bounces": scene.cycles.transparent_max_bounces + 3,
     }
     if not scene.cycles.use_adaptive_sampling:
-        cycles |= _CONSTANT_ONCE
-    if scene.render.engine != "CYCLES":
-        cycles["samples"] = scene.eevee.taa_render_samples
+        # A mirror that brings little light brings little noise: it needs no more samples than that.
+        cycles |= {
+            "use_adaptive_sampling": True,
+            "adaptive_threshold": FAINT_NOISE / math.sqrt(max(1, cycles["samples"])),
+            "adaptive_min_samples": 8,
+        }
+    if not by_cycles:
         cycles["pixel_filter_type"] = "BLACKMAN_HARRIS"
         cycles["filter_width"] = max(scene.render.filter_size, 0.01)
     return {"engine": "CYCLES", "use_motion_blur": False}, cycles

@@ -370,3 +370,18 @@ def test_what_lies_beside_the_glass_is_not_drawn_again(tmp_path):
     hit[y0:y1, x0:x1] = True
     assert found[~hit, :3].max() == 0.0
     assert found[hit, :3].mean() > 0.05
+
+
+def test_with_more_samples_mirrors_may_be_less_noisy():
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(40, 30)
+    scenes.glass(shape="CYLINDER")
+    allowed = []
+    for samples in (16, 64):
+        scene.cycles.samples = samples
+        door.prepare(scene, scenes.depsgraph())
+        cycles = find_layers(scene).around.cycles
+        assert cycles.use_adaptive_sampling and cycles.samples == samples
+        allowed.append(cycles.adaptive_threshold)
+    assert allowed[0] == pytest.approx(2.0 * allowed[1])
