@@ -36,7 +36,7 @@ EDGE_PX = 0.3
 NEAR = 2
 """Largest cells beside one that is split that are split too: a thin region may slip between rays.
 """
-SLOTS = {"GLASS": 10, "REFRACTION": 4}
+SLOTS = {"GLASS": 6, "REFRACTION": 4}
 """Ways that a cell keeps; the light of weaker ones is shared out among these."""
 BEYOND = 2
 """Pixels round the glass that its screen covers: so far the pixel filter reaches."""
