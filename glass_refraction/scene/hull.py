@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from mathutils.geometry import tessellate_polygon
 
@@ -55,13 +57,9 @@ def first_face(glass: Glass, eye) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(description, optics.CylinderGlass):
         if inward and not description.extent[0] < eye[2] < description.extent[1]:
             radius, inward = radii[0], False
-        vertices, faces = _grid(
-            SEGMENTS, lambda turn, row: _wall(turn, row, radius, description.extent), 2
-        )
+        vertices, faces = _wall(radius, description.extent)
     else:
-        vertices, faces = _grid(
-            SEGMENTS, lambda turn, row: _ball(turn, row, radius), SEGMENTS // 2 + 1
-        )
+        vertices, faces = _ball(radius)
     return vertices, faces[:, ::-1] if inward else faces
 
 
@@ -129,15 +127,31 @@ def _inside(glass: Glass) -> RefractiveGlassError:
     )
 
 
-def _wall(turn: np.ndarray, row: np.ndarray, radius: float, extent) -> np.ndarray:
-    z = extent[0] + row * (extent[1] - extent[0])
-    return np.stack((radius * np.cos(turn), radius * np.sin(turn), z), axis=-1)
+@lru_cache(maxsize=16)
+def _wall(radius: float, extent: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    def place(turn, row):
+        z = extent[0] + row * (extent[1] - extent[0])
+        return np.stack((radius * np.cos(turn), radius * np.sin(turn), z), axis=-1)
+
+    return _kept(*_grid(SEGMENTS, place, 2))
 
 
-def _ball(turn: np.ndarray, row: np.ndarray, radius: float) -> np.ndarray:
-    polar = np.pi * (1.0 - row)
-    ring = radius * np.sin(polar)
-    return np.stack((ring * np.cos(turn), ring * np.sin(turn), radius * np.cos(polar)), axis=-1)
+@lru_cache(maxsize=16)
+def _ball(radius: float) -> tuple[np.ndarray, np.ndarray]:
+    def place(turn, row):
+        polar = np.pi * (1.0 - row)
+        ring = radius * np.sin(polar)
+        height = radius * np.cos(polar)
+        return np.stack((ring * np.cos(turn), ring * np.sin(turn), height), axis=-1)
+
+    return _kept(*_grid(SEGMENTS, place, SEGMENTS // 2 + 1))
+
+
+def _kept(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Arrays that several hold: nobody may write them."""
+    for array in arrays:
+        array.flags.writeable = False
+    return arrays
 
 
 def _grid(segments: int, place, rows: int) -> tuple[np.ndarray, np.ndarray]:

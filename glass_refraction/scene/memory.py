@@ -17,7 +17,8 @@ from .sources import Snapshot
 from .tessellation import Probe
 
 counters: Counter[str] = Counter()
-"""Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``."""
+"""Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``,
+``settings``, ``listed`` (glasses of which paths were listed)."""
 
 
 @dataclass
@@ -58,6 +59,7 @@ class Memory:
     paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...], np.ndarray]] = field(
         default_factory=dict
     )
+    chains: dict[str, tuple[tuple, tuple[optics.ChainedPath, ...]]] = field(default_factory=dict)
     status: Status = field(default_factory=Status)
 
 

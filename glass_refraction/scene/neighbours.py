@@ -13,6 +13,7 @@ import numpy as np
 from .. import optics
 from ..optics.axial import AxialGlass
 from .glasses import Glass
+from .memory import counters, memory_of
 from .regions import coarse_weights
 from .things import obstacle_of
 from .viewpoint import Viewpoint
@@ -117,6 +118,19 @@ def chained_paths(
     )
     if not candidates:
         return ()
+    settings, memory = scene.refractive_glass, memory_of(scene)
+    stamp = (glass.seen_stamp(), view.stamp(), settings.min_weight, settings.surface, candidates)
+    known = memory.chains.get(glass.key)
+    if known is None or known[0] != stamp:
+        counters["listed"] += 1
+        known = memory.chains[glass.key] = (stamp, _carrying(scene, glass, view, candidates))
+    return known[1]
+
+
+def _carrying(
+    scene: bpy.types.Scene, glass: Glass, view: Viewpoint, candidates: tuple
+) -> tuple[optics.ChainedPath, ...]:
+    """Those of the candidates that :func:`chained_paths` keeps."""
     weights = coarse_weights(scene, with_chains(glass, candidates), view, candidates)
     arrives: dict[tuple, np.ndarray] = {}
     for path, weight in zip(candidates, weights, strict=True):

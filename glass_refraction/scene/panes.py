@@ -11,7 +11,7 @@ from ..optics.tumbler import GLASS
 from .glasses import Glass, glass_objects, read_glass
 from .hull import first_face
 from .layers import Layers, Pane
-from .memory import memory_of
+from .memory import counters, memory_of
 from .names import RefractiveGlassError
 from .neighbours import among, with_chains
 from .path_keys import path_of
@@ -103,6 +103,7 @@ def _listed(scene, glass: Glass, view: Viewpoint):
     known = memory_of(scene).paths.get(glass.key)
     if known is not None and known[0] == stamp:
         return known[1:]
+    counters["listed"] += 1
     first_face(glass, view.eye_for(glass))
     paths = optics.light_paths(
         glass.description, view.eye_for(glass), min_weight=settings.min_weight

@@ -336,7 +336,8 @@ def withdraw(scene: bpy.types.Scene) -> bool:
     known = memory_of(scene)
     remove(scene)
     memory = memory_of(scene)
-    memory.paths, memory.status = known.paths, known.status
+    memory.paths, memory.chains = known.paths, known.chains
+    memory.status = known.status
     return stood
 
 

@@ -193,3 +193,24 @@ def test_an_engine_without_rays_shows_nothing_where_chains_have_no_copies():
     scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 0.2
     pane, _ = _prepared(scene)["Near"]
     assert THROUGH in pane.paths
+
+
+def test_paths_are_listed_once_while_glasses_and_eye_stand_still():
+    scene = _two_panes((60, 45), surface="GLASS")
+    block = _block((0.0, 0.2, 0.06))
+    _prepared(scene)
+    listed = door.counters["listed"]
+    assert listed >= 4  # each glass alone, and with the other
+    block.location.x += 0.01
+    bpy.context.view_layer.update()
+    _prepared(scene)
+    assert door.counters["listed"] == listed
+    bpy.data.objects["Far"].location.x += 0.01
+    bpy.context.view_layer.update()
+    pane, _ = _prepared(scene)["Near"]
+    # Alone only the one that moved; both with the other.
+    assert door.counters["listed"] == listed + 3
+    fresh = pane.paths
+    door.forget()
+    pane, _ = _prepared(scene)["Near"]
+    assert pane.paths == fresh

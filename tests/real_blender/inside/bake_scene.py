@@ -71,10 +71,11 @@ def light(name, colour):
 
 scene = build()
 bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "scene.blend"))
-for name in ("warm_", "live_"):
-    # Some engines' very first picture of a session differs from all later ones.
-    scene.render.filepath = f"//{name}"
-    bpy.ops.render.render(animation=True)
+# Some engines' very first picture of a session differs from all later ones.
+scene.render.filepath = "//warm_"
+bpy.ops.render.render(write_still=True)
+scene.render.filepath = "//live_"
+bpy.ops.render.render(animation=True)
 baked = bpy.ops.scene.refractive_glass_bake()
 bpy.ops.wm.save_mainfile()
 (FOLDER / "result.json").write_text(json.dumps({"baked": list(baked)}))
