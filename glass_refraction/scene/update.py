@@ -288,8 +288,8 @@ def _chains(scene, glass: Glass, view: Viewpoint, read, seen, depsgraph):
     with_others = among(glass, [other for _, other, _ in read], seen, depsgraph, [])
     if not with_others.others:
         return ()
-    # Light of all colours takes the same paths, nearly.
-    paths = {other.name: kept[0][1] for _, other, kept in read}
+    # Light of all colours takes the same paths, nearly; a cup that rays show has none.
+    paths = {other.name: kept[0][1] for _, other, kept in read if kept}
     return chained_paths(scene, with_others, view, paths)
 
 

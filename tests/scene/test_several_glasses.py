@@ -214,3 +214,18 @@ def test_paths_are_listed_once_while_glasses_and_eye_stand_still():
     door.forget()
     pane, _ = _prepared(scene)["Near"]
     assert pane.paths == fresh
+
+
+def test_a_cup_beside_another_glass_is_shown_by_rays_and_the_other_by_copies():
+    scenes.camera(location=(0.0, -0.6, 0.06), tilt=np.pi / 2)
+    scenes.striped_wall()
+    scene = scenes.settings(60, 45, samples=1, surface="GLASS", shading="TRUE")
+    for shape, place in (("TUMBLER", -0.08), ("CYLINDER", 0.08)):
+        glass = scenes.glass(shape=shape, radius=0.03, height=0.08)
+        glass.name, glass.location.x = shape, place
+    bpy.context.view_layer.update()
+    panes = _prepared(scene)
+    cup, _ = panes["TUMBLER"]
+    other, _ = panes["CYLINDER"]
+    assert cup.rays and not cup.paths
+    assert "TTTT" in map(path_key, other.paths) and not other.rays
