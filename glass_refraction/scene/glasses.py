@@ -90,7 +90,7 @@ class Glass:
         return tuple(self.in_light(band) for band in optics.LINES)
 
     def in_light(self, band: str) -> Glass:
-        """The glass as red, green or blue light finds it.
+        """The glass, and the others that its rays may meet, as red, green or blue light finds them.
 
         Raises
         ------
@@ -113,7 +113,8 @@ class Glass:
             first, *others = description.ior
             media = (ior(first, glass), *(ior(medium, contents) for medium in others))
             seen = replace(description, ior=media)
-        return replace(self, description=seen, band=band)
+        others = tuple(o.in_light(band) if o.disperses else o for o in self.others)
+        return replace(self, description=seen, band=band, others=others)
 
     def from_world(self) -> np.ndarray:
         """(3, 4) float64: world points into the glass's frame."""

@@ -48,7 +48,7 @@ def among(
                 f'Glass "{other.name}" is not seen through or in glass "{glass.name}": {reason}'
             )
         else:
-            others.append(other.in_light(glass.band) if glass.band and other.disperses else other)
+            others.append(other)
     if not others:
         return glass
     box = np.concatenate([_box(each) for each in (glass, *others)])

@@ -146,16 +146,20 @@ def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pan
     sources = source_objects(depsgraph.view_layer) if len(read) > 1 else []
     panes = []
     for obj, glass in read:
+        bands = [banded.key for banded in glass.bands() if banded.key in keys]
+        known = {key: [tuple(map(path_of, some)) for some in keys[key]] for key in bands}
+        if any(
+            isinstance(path, optics.ChainedPath) for paths, _ in known.values() for path in paths
+        ):
+            glass = among(glass, glasses, seen_through(obj, sources), depsgraph, [])
+        # What has come to stand otherwise since is seen no more until all is made anew.
+        there = {None, *(other.name for other in glass.others)}
         for banded in glass.bands():
-            if banded.key not in keys:
+            if banded.key not in known:
                 continue
-            paths, bare = (tuple(map(path_of, some)) for some in keys[banded.key])
-            if any(isinstance(path, optics.ChainedPath) for path in paths):
-                seen = seen_through(obj, sources)
-                banded = with_chains(among(banded, glasses, seen, depsgraph, []), paths)
-                # What has come to stand otherwise since is seen no more until all is made anew.
-                there = {other.name for other in banded.others}
-                paths = tuple(p for p in paths if getattr(p, "behind", None) in {None, *there})
+            paths, bare = known[banded.key]
+            banded = with_chains(banded, paths)
+            paths = tuple(path for path in paths if getattr(path, "behind", None) in there)
             rays = by_rays.get(banded.key, 0)
             pane = Pane(obj, paths, (), bare=frozenset(bare), band=banded.band, rays=rays)
             panes.append((pane, banded))

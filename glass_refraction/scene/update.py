@@ -179,21 +179,21 @@ def prepare(
     nearness: list[tuple[float, list[Pane]]] = []
     read: list[tuple[bpy.types.Object, Glass, list]] = []
     around = surroundings(scene, effective_shading(scene))
-    rects = _rects(depsgraph, view)
     for obj in glasses:
         try:
             glass = read_glass(obj, depsgraph)
-            if shows_objects(around) and isinstance(glass.description, AxialGlass):
-                rect = picture_rect(glass, view)
-                # A cup's rays go past other glasses: through several, paths and their copies do.
-                if not any(_overlap(rect, other) for name, other in rects if name != obj.name):
-                    read.append((obj, glass, []))
-                    continue
+            # A cup's rays go past other glasses: through several, paths and their copies do.
+            by_rays = shows_objects(around) and isinstance(glass.description, AxialGlass)
+            if by_rays and _is_seen_alone(glass, view, depsgraph):
+                read.append((obj, glass, []))
+                continue
             kept = [(banded, kept_paths(scene, banded, view)) for banded in glass.bands()]
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
         read.append((obj, glass, kept))
+    # Light of all colours takes the same paths, nearly; a cup that rays show has none.
+    alone = {glass.name: kept[0][1] for _, glass, kept in read if kept}
     for obj, glass, kept in read:
         seen = tuple(seen_through(obj, sources))
         if not kept:
@@ -202,12 +202,12 @@ def prepare(
             nearness.append((_depth(glass, view), panes))
             continue
         contents = tuple(s for s in seen if reaches_into(glass, s, depsgraph))
-        others = among(glass, [other for _, other, _ in read], seen, depsgraph, problems).others
-        beyond = [s for s in seen if any(reaches_into(o, s, depsgraph) for o in others)]
+        placed = among(glass, [other for _, other, _ in read], seen, depsgraph, problems)
+        beyond = [s for s in seen if any(reaches_into(o, s, depsgraph) for o in placed.others)]
         bands: list[Pane] = []
         nearness.append((_depth(glass, view), bands))
-        for banded, paths in kept:
-            chains = _chains(scene, banded, view, read, seen, depsgraph)
+        for (banded, paths), among_others in zip(kept, placed.bands(), strict=True):
+            chains = chained_paths(scene, among_others, view, alone)
             bare: frozenset = frozenset()
             if isinstance(glass.description, AxialGlass):
                 if shows_objects(around):
@@ -265,32 +265,25 @@ def prepare(
         free_leftovers()
 
 
-def _rects(depsgraph, view: Viewpoint) -> list[tuple[str, tuple[int, int, int, int]]]:
-    """Name of each glass that can be computed, and the pixels that it can cover."""
-    found = []
-    for glass in read_glasses(depsgraph, []):
+def _is_seen_alone(glass: Glass, view: Viewpoint, depsgraph) -> bool:
+    """Whether no other glass that can be computed may cover a pixel that this one can cover."""
+    rect = picture_rect(glass, view)
+    for other in read_glasses(depsgraph, []):
+        if other.name == glass.name:
+            continue
         try:
-            found.append((glass.name, picture_rect(glass, view)))
+            if _overlap(rect, picture_rect(other, view)):
+                return False
         except RefractiveGlassError:
             # The eye is in its wall: it is left out, and said so where it is read.
             continue
-    return found
+    return True
 
 
 def _overlap(one, other) -> bool:
     """Whether two pixel rectangles, half open, have a pixel in common."""
     low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
     return bool((low < high).all())
-
-
-def _chains(scene, glass: Glass, view: Viewpoint, read, seen, depsgraph):
-    """The paths through a glass and others, of all that were read."""
-    with_others = among(glass, [other for _, other, _ in read], seen, depsgraph, [])
-    if not with_others.others:
-        return ()
-    # Light of all colours takes the same paths, nearly; a cup that rays show has none.
-    paths = {other.name: kept[0][1] for _, other, kept in read if kept}
-    return chained_paths(scene, with_others, view, paths)
 
 
 def _has_copies(glass: Glass, path: optics.ChainedPath, view: Viewpoint) -> bool:
