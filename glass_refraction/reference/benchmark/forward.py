@@ -56,25 +56,29 @@ def check(
             continue
         directions = apparent.direction[slot, shown]
         traced = optics.trace(glass, eye, directions, path)
-        shown, directions = shown[traced.valid], directions[traced.valid]
-        reach = np.inf
+        whole = traced.valid
+        shown, directions = shown[whole], directions[whole]
         if isinstance(glass, AxialGlass):
-            rays = optics.trace(glass, eye, directions, path)
+            origin, along_ray, length = (
+                part[whole] for part in (traced.origin, traced.direction, traced.length)
+            )
+            reach = np.inf
         else:
             rays = tracing.start(glass, eye, directions)[0]
             for event in as_path(path).events[:stretch]:
                 rays, _ = tracing.advance(glass, rays, tracing.meet(glass, rays), event)
             meeting = tracing.meet(glass, rays)
+            origin, along_ray, length = rays.origin, rays.direction, rays.length
             reach = np.where(meeting.met, meeting.distance, np.inf)
-        towards = points[shown] - rays.origin
-        along = np.einsum("nk,nk->n", towards, rays.direction)
-        beside = towards - along[:, None] * rays.direction
+        towards = points[shown] - origin
+        along = np.einsum("nk,nk->n", towards, along_ray)
+        beside = towards - along[:, None] * along_ray
         distance = apparent.distance[slot, shown]
         safe = np.maximum(distance, 1e-300)
         errors.append(FOCAL_PX * np.sqrt(np.einsum("nk,nk->n", beside, beside)) / safe)
         slack = 1e-8 * distance + 1e-12
         there = (along >= -slack) & (along <= reach + slack)
-        there &= np.abs(rays.length + along - distance) <= slack
+        there &= np.abs(length + along - distance) <= slack
         held += int(there.sum())
     return Checked(images, held, np.concatenate(errors) if errors else np.zeros(0))
 
