@@ -122,6 +122,13 @@ def settle(scene: bpy.types.Scene, frame: int) -> None:
     scene.frame_set(frame)
 
 
+def settle_cup(scene: bpy.types.Scene, frame: int, *, unlit: bool) -> None:
+    """End a scene with a cup: its settings for being unlit or not, then :func:`settle`."""
+    scene.refractive_glass.shading = "DISPLACED" if unlit else "TRUE"
+    scene.refractive_glass.surface = "REFRACTION" if unlit else "GLASS"
+    settle(scene, frame)
+
+
 def activate(obj: bpy.types.Object) -> None:
     """Make ``obj`` the active and the only selected object, as the operators expect."""
     view_layer = bpy.context.view_layer
@@ -196,6 +203,32 @@ def table_before_wall(
     wall = quad("Wall", (-0.5, distance, height), (1.0, 0.0, 0.0), (0.0, 0.0, 0.5))
     wall.materials.append(material("Wall tiles", tiles, unlit=unlit))
     link(scene, "Wall", wall)
+
+
+def glass_of_water(
+    radius: float,
+    wall: float,
+    height: float,
+    bottom: float,
+    level: float,
+    ior: float,
+    water: float,
+) -> bpy.types.Object:
+    """Stand a glass of water at the origin, by the extension's operator, and return it."""
+    register_extension()
+    bpy.ops.object.refractive_glass_add(
+        shape="TUMBLER",
+        radius=radius,
+        wall_thickness=wall,
+        height=height,
+        bottom_thickness=bottom,
+        liquid_level=level,
+        ior=ior,
+        contents_ior=water,
+    )
+    glass = bpy.context.active_object
+    glass.name = "Glass"
+    return glass
 
 
 def camera(

@@ -58,10 +58,8 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
     common.light_up(scene, unlit=unlit, sun_direction=(-0.6, 0.55, -0.75))
     animate_camera(scene)
     if with_glass:
-        add_glass()
-    scene.refractive_glass.shading = "DISPLACED" if unlit else "TRUE"
-    scene.refractive_glass.surface = "REFRACTION" if unlit else "GLASS"
-    common.settle(scene, FRAMES[1] // 2)
+        common.glass_of_water(RADIUS, WALL, HEIGHT, BOTTOM, LEVEL, IOR, WATER)
+    common.settle_cup(scene, FRAMES[1] // 2, unlit=unlit)
     return scene
 
 
@@ -73,24 +71,6 @@ def animate_camera(scene: bpy.types.Scene) -> None:
     target.location = TARGET
     track = camera.constraints.new("TRACK_TO")
     track.target, track.track_axis, track.up_axis = target, "TRACK_NEGATIVE_Z", "UP_Y"
-
-
-def add_glass() -> bpy.types.Object:
-    """Stand the glass of water on the table and return it."""
-    common.register_extension()
-    bpy.ops.object.refractive_glass_add(
-        shape="TUMBLER",
-        radius=RADIUS,
-        wall_thickness=WALL,
-        height=HEIGHT,
-        bottom_thickness=BOTTOM,
-        liquid_level=LEVEL,
-        ior=IOR,
-        contents_ior=WATER,
-    )
-    glass = bpy.context.active_object
-    glass.name = "Glass"
-    return glass
 
 
 def pencil_mesh(*, unlit: bool) -> bpy.types.Mesh:

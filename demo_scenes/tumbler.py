@@ -81,29 +81,9 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
     common.light_up(scene, unlit=unlit, sun_direction=(0.55, 0.6, -0.8))
     common.camera(scene, EYE, TARGET, 0.070)
     if with_glass:
-        add_glass()
-    scene.refractive_glass.shading = "DISPLACED" if unlit else "TRUE"
-    scene.refractive_glass.surface = "REFRACTION" if unlit else "GLASS"
-    common.settle(scene, 1)
+        common.glass_of_water(RADIUS, WALL, HEIGHT, BOTTOM, LEVEL, IOR, WATER)
+    common.settle_cup(scene, 1, unlit=unlit)
     return scene
-
-
-def add_glass() -> bpy.types.Object:
-    """Stand the glass of water on the table and return it."""
-    common.register_extension()
-    bpy.ops.object.refractive_glass_add(
-        shape="TUMBLER",
-        radius=RADIUS,
-        wall_thickness=WALL,
-        height=HEIGHT,
-        bottom_thickness=BOTTOM,
-        liquid_level=LEVEL,
-        ior=IOR,
-        contents_ior=WATER,
-    )
-    glass = bpy.context.active_object
-    glass.name = "Glass"
-    return glass
 
 
 def turned(

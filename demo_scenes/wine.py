@@ -41,9 +41,7 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
     common.camera(scene, EYE, TARGET, 0.060)
     if with_glass:
         add_glass()
-    scene.refractive_glass.shading = "DISPLACED" if unlit else "TRUE"
-    scene.refractive_glass.surface = "REFRACTION" if unlit else "GLASS"
-    common.settle(scene, 1)
+    common.settle_cup(scene, 1, unlit=unlit)
     return scene
 
 

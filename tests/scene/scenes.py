@@ -3,6 +3,7 @@
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 
 def emissive(name, rgb):
@@ -64,6 +65,37 @@ def glass(**values):
     """Add a glass by its operator."""
     assert bpy.ops.object.refractive_glass_add(**values) == {"FINISHED"}
     return bpy.context.object
+
+
+CUP = {
+    "radius": 0.036,
+    "wall_thickness": 0.0025,
+    "height": 0.11,
+    "bottom_thickness": 0.007,
+    "liquid_level": 0.065,
+    "contents_ior": 1.333,
+}
+LOW, HIGH = (0.02, -0.33, 0.05), (0.02, -0.24, 0.26)
+"""Eyes that look at the cup from the side and from above."""
+
+
+def cup(eye=LOW, **values):
+    """A glass of water before a striped wall, seen by a camera that looks at its middle."""
+    eyes = camera(location=eye, lens=60.0)
+    towards = np.array((0.0, 0.0, 0.06)) - eye
+    eyes.rotation_euler = Vector(towards).to_track_quat("-Z", "Y").to_euler()
+    striped_wall(0.2)
+    return glass(shape="TUMBLER", **{**CUP, **values})
+
+
+def rod(location=(0.0, 0.0, 0.075), turn=0.3, colour=(0.9, 0.5, 0.1), depth=0.12):
+    """A leaning rod; where it stands by default, across the surface of the liquid."""
+    bpy.ops.mesh.primitive_cylinder_add(vertices=12, radius=0.004, depth=depth)
+    found = bpy.context.object
+    found.location, found.rotation_euler.y = location, turn
+    found.data.materials.append(emissive("rod", colour))
+    bpy.context.view_layer.update()
+    return found
 
 
 def depsgraph():

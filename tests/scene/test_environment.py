@@ -161,14 +161,19 @@ def _area_lamp(scene):
     return lamp
 
 
-@pytest.mark.parametrize("seen", [True, False])
-def test_lamps_of_a_size_are_mirrored_as_bright_as_they_are(tmp_path, seen):
+def _slab_before_lamp(width, height, samples):
+    """A slab across the view that mirrors a lamp in a black world."""
     scenes.camera(location=(0.0, -0.5, 0.0), tilt=np.pi / 2)
-    scene = scenes.settings(40, 30, samples=64, surface="GLASS", shading="TRUE")
+    scene = scenes.settings(width, height, samples=samples, surface="GLASS", shading="TRUE")
     _world(scene, (0.0, 0.0, 0.0, 1.0))
     slab = scenes.glass(shape="SLAB", radius=0.05, wall_thickness=0.004)
     slab.rotation_euler.x = np.pi / 2
-    lamp = _area_lamp(scene)
+    return scene, _area_lamp(scene)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_lamps_of_a_size_are_mirrored_as_bright_as_they_are(tmp_path, seen):
+    scene, lamp = _slab_before_lamp(40, 30, samples=64)
     lamp.visible_glossy = seen
     _speck()
     found = scenes.picture(scene, tmp_path)
@@ -218,12 +223,7 @@ def test_stand_ins_of_lamps_follow_them_and_go_with_them():
 
 
 def test_a_lamp_that_is_animated_shines_as_it_does_in_each_frame(tmp_path):
-    scenes.camera(location=(0.0, -0.5, 0.0), tilt=np.pi / 2)
-    scene = scenes.settings(24, 18, samples=16, surface="GLASS", shading="TRUE")
-    _world(scene, (0.0, 0.0, 0.0, 1.0))
-    slab = scenes.glass(shape="SLAB", radius=0.05, wall_thickness=0.004)
-    slab.rotation_euler.x = np.pi / 2
-    lamp = _area_lamp(scene)
+    scene, lamp = _slab_before_lamp(24, 18, samples=16)
     for frame, energy in ((1, np.pi), (2, 3.0 * np.pi)):
         lamp.data.energy = energy
         lamp.data.keyframe_insert("energy", frame=frame)

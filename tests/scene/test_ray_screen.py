@@ -5,7 +5,6 @@ import bpy
 import numpy as np
 import pytest
 import scenes
-from mathutils import Vector
 
 from glass_refraction import optics
 from glass_refraction.reference.cycles import render_reference
@@ -18,33 +17,7 @@ from glass_refraction.scene.things import may_hide, obstacle_of, within
 from glass_refraction.scene.update import counters, memory_of, prepare, status, update
 from glass_refraction.scene.viewpoint import read_viewpoint
 
-SIZES = {
-    "radius": 0.036,
-    "wall_thickness": 0.0025,
-    "height": 0.11,
-    "bottom_thickness": 0.007,
-    "liquid_level": 0.065,
-    "contents_ior": 1.333,
-}
-LOW, HIGH = (0.02, -0.33, 0.05), (0.02, -0.24, 0.26)
 DEPTH = 0.0116
-
-
-def _scene(eye=LOW, **values):
-    camera = scenes.camera(location=eye, lens=60.0)
-    target = np.array((0.0, 0.0, 0.06))
-    camera.rotation_euler = Vector(target - eye).to_track_quat("-Z", "Y").to_euler()
-    scenes.striped_wall(0.2)
-    return scenes.glass(shape="TUMBLER", **{**SIZES, **values})
-
-
-def _rod(location=(0.0, 0.0, 0.075), turn=0.3, colour=(0.9, 0.5, 0.1), depth=0.12):
-    bpy.ops.mesh.primitive_cylinder_add(vertices=12, radius=0.004, depth=depth)
-    rod = bpy.context.object
-    rod.location, rod.rotation_euler.y = location, turn
-    rod.data.materials.append(scenes.emissive("rod", colour))
-    bpy.context.view_layer.update()
-    return rod
 
 
 def _glass_and_view(scene):
@@ -52,9 +25,9 @@ def _glass_and_view(scene):
     return read_glasses(depsgraph)[0], read_viewpoint(scene, depsgraph)
 
 
-@pytest.mark.parametrize("eye", [LOW, HIGH])
+@pytest.mark.parametrize("eye", [scenes.LOW, scenes.HIGH])
 def test_all_light_has_a_slot_at_every_corner(eye):
-    _scene(eye)
+    scenes.cup(eye)
     glass, view = _glass_and_view(scenes.settings(40, 30))
     screen = build_ray_screen(glass, view, (), (), fresnel=True, min_weight=0.01, depth=DEPTH)
     assert len(screen.colours) <= SLOTS["GLASS"]
@@ -68,7 +41,7 @@ def test_all_light_has_a_slot_at_every_corner(eye):
 
 def test_between_the_corners_rays_are_nearly_the_true_ones():
     """Interpolated where a cell is in one region, they go where the traced ones go."""
-    _scene(LOW)
+    scenes.cup(scenes.LOW)
     glass, view = _glass_and_view(scenes.settings(80, 60))
     screen = build_ray_screen(glass, view, (), (), fresnel=False, min_weight=0.01, depth=DEPTH)
     whole = (screen.colours[0].min(axis=(1, 2)) == 1.0) & ~screen.colours[1:].any(axis=(0, 2, 3))
@@ -92,8 +65,8 @@ def test_between_the_corners_rays_are_nearly_the_true_ones():
 
 
 def test_what_stands_before_the_glass_leaves_its_rays_straight():
-    _scene(LOW)
-    rod = _rod((0.0, -0.1, 0.05), 0.0)
+    scenes.cup(scenes.LOW)
+    rod = scenes.rod((0.0, -0.1, 0.05), 0.0)
     glass, view = _glass_and_view(scenes.settings(60, 45))
     thing = obstacle_of(rod, scenes.depsgraph())
     assert may_hide(thing, view, (20, 10, 40, 40), 0.4)
@@ -123,8 +96,8 @@ def test_rays_meet_a_triangle_where_it_is():
 
 @pytest.mark.parametrize("view", ["parallel", "in the liquid", "cropped"])
 def test_other_eyes_see_what_real_glass_shows(tmp_path, view):
-    _scene((0.0, -0.01, 0.05) if view == "in the liquid" else HIGH)
-    _rod((0.005, 0.012, 0.06), 0.3)
+    scenes.cup((0.0, -0.01, 0.05) if view == "in the liquid" else scenes.HIGH)
+    scenes.rod((0.005, 0.012, 0.06), 0.3)
     scene = scenes.settings(60, 60, samples=32, surface="REFRACTION", shading="DISPLACED")
     camera, render = scene.camera.data, scene.render
     if view == "parallel":
@@ -145,8 +118,8 @@ def test_other_eyes_see_what_real_glass_shows(tmp_path, view):
 
 def test_workbench_shows_the_thing_in_the_liquid_as_wide_as_it_appears(tmp_path):
     """That engine sends no rays on: copies stand for what the glass holds."""
-    _scene((0.0, -0.33, 0.05))
-    rod = _rod((0.0, 0.0, 0.06), 0.0, depth=0.1)
+    scenes.cup((0.0, -0.33, 0.05))
+    rod = scenes.rod((0.0, 0.0, 0.06), 0.0, depth=0.1)
     rod.data.materials[0].diffuse_color = (1.0, 0.0, 0.0, 1.0)
     bpy.data.objects["Wall"].hide_render = True
     scene = scenes.settings(160, 120, surface="REFRACTION", shading="DISPLACED")
@@ -166,8 +139,8 @@ def test_workbench_shows_the_thing_in_the_liquid_as_wide_as_it_appears(tmp_path)
 
 
 def test_rays_are_found_anew_only_when_something_moves():
-    _scene(LOW)
-    rod = _rod()
+    scenes.cup(scenes.LOW)
+    rod = scenes.rod()
     scene = scenes.settings(40, 30)
     prepare(scene, scenes.depsgraph())
     update(scene, scenes.depsgraph(), exact=True)
@@ -190,7 +163,7 @@ def test_a_coloured_liquid_tints_what_stands_in_it(tmp_path):
 
     The reference cannot tell: it tints rays where they meet the glass next.
     """
-    obj = _scene((0.0, -0.33, 0.04))
+    obj = scenes.cup((0.0, -0.33, 0.04))
     scene = bpy.context.scene
     scene.camera.rotation_euler, scene.camera.data.lens = (np.pi / 2, 0.0, 0.0), 900.0
     modifier = glass_modifier(obj)
@@ -204,5 +177,5 @@ def test_a_coloured_liquid_tints_what_stands_in_it(tmp_path):
     bpy.context.view_layer.update()
     scenes.settings(41, 41, samples=4, surface="REFRACTION", shading="DISPLACED")
     found = scenes.picture(scene, tmp_path)[20, 20, :3]
-    inner = SIZES["radius"] - SIZES["wall_thickness"]
+    inner = scenes.CUP["radius"] - scenes.CUP["wall_thickness"]
     np.testing.assert_allclose(found, colour ** ((inner + front) / distance), rtol=1e-3)

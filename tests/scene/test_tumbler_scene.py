@@ -20,33 +20,6 @@ from glass_refraction.scene.regions import left_out_pixels, path_regions
 from glass_refraction.scene.update import find_layers, memory_of, prepare, source_of, update
 from glass_refraction.scene.viewpoint import read_viewpoint
 
-SIZES = {
-    "radius": 0.036,
-    "wall_thickness": 0.0025,
-    "height": 0.11,
-    "bottom_thickness": 0.007,
-    "liquid_level": 0.065,
-    "contents_ior": 1.333,
-}
-LOW, HIGH = (0.02, -0.33, 0.05), (0.02, -0.24, 0.26)
-
-
-def _scene(eye=LOW, **values):
-    camera = scenes.camera(location=eye, lens=60.0)
-    target = np.array((0.0, 0.0, 0.06))
-    camera.rotation_euler = Vector(target - eye).to_track_quat("-Z", "Y").to_euler()
-    scenes.striped_wall(0.2)
-    return scenes.glass(shape="TUMBLER", **{**SIZES, **values})
-
-
-def _rod():
-    """A leaning rod that stands across the surface of the liquid."""
-    bpy.ops.mesh.primitive_cylinder_add(vertices=12, radius=0.004, depth=0.12)
-    rod = bpy.context.object
-    rod.location, rod.rotation_euler.y = (0.0, 0.0, 0.075), 0.3
-    rod.data.materials.append(scenes.emissive("rod", (0.9, 0.5, 0.1)))
-    return rod
-
 
 def _glass_and_view(scene):
     depsgraph = scenes.depsgraph()
@@ -54,7 +27,7 @@ def _glass_and_view(scene):
 
 
 def test_the_modifier_describes_the_tumbler():
-    obj = _scene()
+    obj = scenes.cup()
     obj.scale = (2.0, 2.0, 2.0)
     bpy.context.view_layer.update()
     found = read_glasses(scenes.depsgraph())[0].description
@@ -68,13 +41,13 @@ def test_the_modifier_describes_the_tumbler():
 
 @pytest.mark.parametrize(("level", "expected"), [(0.0, 0.0), (0.05, 0.05), (1.0, 0.103)])
 def test_more_than_full_is_full(level, expected):
-    _scene(liquid_level=level)
+    scenes.cup(liquid_level=level)
     found = read_glasses(scenes.depsgraph())[0].description
     assert found.level == pytest.approx(expected, abs=1e-7)
 
 
 def test_impossible_sizes_are_named():
-    obj = _scene()
+    obj = scenes.cup()
     write_input(glass_modifier(obj), "Bottom Thickness", 0.2)
     bpy.context.view_layer.update()
     with pytest.raises(RefractiveGlassError, match="bottom thickness"):
@@ -96,10 +69,10 @@ def test_keys_tell_paths_apart_and_back(is_open):
     assert len({short_key(path) for path in paths}) == len(paths)
 
 
-@pytest.mark.parametrize("eye", [LOW, HIGH, (0.0, 0.0, 0.4)])
+@pytest.mark.parametrize("eye", [scenes.LOW, scenes.HIGH, (0.0, 0.0, 0.4)])
 def test_the_outline_is_what_rays_meet(eye):
     """Rays meet the mesh's front just where the optics say that they meet the glass."""
-    _scene(eye)
+    scenes.cup(eye)
     glass, view = _glass_and_view(scenes.settings())
     local = view.eye_for(glass)
     vertices, faces = first_face(glass, local)
@@ -114,9 +87,9 @@ def test_the_outline_is_what_rays_meet(eye):
     assert (np.array(met) == (missed[0] < 0.5)).mean() > 0.995
 
 
-@pytest.mark.parametrize("eye", [LOW, HIGH])
+@pytest.mark.parametrize("eye", [scenes.LOW, scenes.HIGH])
 def test_open_paths_show_all_of_the_light_that_arrives_so_far(eye):
-    _scene(eye)
+    scenes.cup(eye)
     scene = scenes.settings(120, 90)
     glass, view = _glass_and_view(scene)
     begins = open_paths(scene, glass, view)
@@ -132,10 +105,10 @@ def test_open_paths_show_all_of_the_light_that_arrives_so_far(eye):
         assert (found.weights[number, rows, columns] > parts.sum(axis=0) - 1e-5).all()
 
 
-@pytest.mark.parametrize(("eye", "most"), [(LOW, 0.02), (HIGH, 0.02)])
+@pytest.mark.parametrize(("eye", "most"), [(scenes.LOW, 0.02), (scenes.HIGH, 0.02)])
 def test_little_of_the_light_is_left_out(eye, most):
     """From above some rays are caught in the wall under the rim for good."""
-    _scene(eye)
+    scenes.cup(eye)
     scene = scenes.settings(60, 45)
     assert left_out_pixels(scene, scenes.depsgraph(), ()) < most
     scene.refractive_glass.surface = "REFRACTION"
@@ -143,8 +116,8 @@ def test_little_of_the_light_is_left_out(eye, most):
 
 
 def test_copies_trace_back_to_the_points():
-    _scene()
-    rod = _rod()
+    scenes.cup()
+    rod = scenes.rod()
     scene = scenes.settings(surface="REFRACTION", shading="DISPLACED")
     # The other engines' rays show cups without copies.
     scene.render.engine = "BLENDER_WORKBENCH"
@@ -172,8 +145,8 @@ def test_copies_trace_back_to_the_points():
 
 
 def test_the_picture_is_that_of_real_glass(tmp_path):
-    _scene(HIGH)
-    _rod()
+    scenes.cup(scenes.HIGH)
+    scenes.rod()
     scene = scenes.settings(80, 80, samples=16, surface="REFRACTION", shading="DISPLACED")
     found = scenes.picture(scene, tmp_path)
     reference = render_reference(scene, surface="REFRACTION")
