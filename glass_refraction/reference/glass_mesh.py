@@ -272,10 +272,11 @@ def _sides(
     vertices = np.concatenate(
         [np.column_stack((outline, np.full(count, height))) for height in heights[::-1]]
     )
+    # Cycles knows one normal a vertex: faces at an angle must not share any.
     return Surface(
         name=name,
-        vertices=vertices,
-        corners=_band(count).ravel(),
+        vertices=vertices[_band(count).ravel()],
+        corners=np.arange(4 * count),
         sizes=np.full(count, 4),
         normals=np.repeat(outward, 4, axis=0),
         ior_inside=ior_inside,

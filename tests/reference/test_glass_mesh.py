@@ -165,6 +165,15 @@ def test_normals_are_those_of_the_true_surface(glass):
         assert s.normals == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.parametrize("glass", [TUBE, FILLED, NESTED, ROD, BOWL, SLAB, STAR_SLAB, LAMINATE, CUP])
+def test_every_vertex_has_one_normal(glass):
+    """Cycles takes one of several and bends light at the others' faces by it."""
+    for surface in glass_surfaces(glass, segments=16):
+        known = {}
+        for vertex, normal in zip(surface.corners, surface.normals, strict=True):
+            np.testing.assert_array_equal(known.setdefault(int(vertex), normal), normal)
+
+
 def test_every_face_winds_round_its_normals():
     for glass in (TUBE, FILLED, ROD, BOWL, STAR_SLAB):
         for s in glass_surfaces(glass, segments=32):
