@@ -2,7 +2,8 @@
 """What light does at glass: where points appear, what each pixel sees. Pure NumPy, metres."""
 
 from .apparent import apparent_points
-from .axial import RayEnds, follow_rays
+from .axial import RayEnds, Stop, follow_rays, reach
+from .bodies import body
 from .chains import (
     ChainedPath,
     Pair,
@@ -37,9 +38,11 @@ __all__ = [
     "RayEnds",
     "RevolutionGlass",
     "SphereGlass",
+    "Stop",
     "TracedRays",
     "Tumbler",
     "apparent_points",
+    "body",
     "chained_points",
     "dispersed_ior",
     "edge_gaps",
@@ -51,6 +54,7 @@ __all__ = [
     "light_paths",
     "path_lengths",
     "path_weights",
+    "reach",
     "reflect",
     "refract",
     "trace",

@@ -18,7 +18,7 @@ from .laws import fresnel
 from .paths import LightPath, ParallelView, as_path
 from .profiles import Profile
 from .solver import in_blocks
-from .surfaces import Cylinder, Floats, Plane, Rays, Viewpoint
+from .surfaces import Cylinder, Floats, Plane, Rays, Shell, Side, Viewpoint
 
 Steps = tuple[tuple[str, str], ...]
 """Interfaces met and what happened there, in order from the eye."""
@@ -32,7 +32,7 @@ class Interface:
     """
 
     name: str
-    surface: Cylinder | Plane
+    surface: Cylinder | Plane | Side | Shell
     front: int
     back: int
     opaque: bool = False
@@ -41,8 +41,8 @@ class Interface:
         return self.front if medium == self.back else self.back
 
 
-class AxialGlass:
-    """What glasses of revolution share. Lengths of interfaces are in units of `scale`."""
+class BoundedGlass:
+    """What glasses share whose interfaces all end somewhere; lengths of these in `scale`s."""
 
     @property
     def scale(self) -> float:
@@ -60,9 +60,53 @@ class AxialGlass:
         raise NotImplementedError
 
     @property
+    def endless(self) -> tuple[int, ...]:
+        """The media in which rays that meet nothing further have left the glass."""
+        return (0,)
+
+    @property
+    def ends(self) -> tuple[int, ...]:
+        """Numbers of the interfaces that a thing may touch: what it stands on."""
+        return ()
+
+    @property
+    def box(self) -> Floats:
+        """The lower and the upper corner (2, 3) of a box round all of it, metres."""
+        raise NotImplementedError
+
+    def medium_at(self, points: Floats) -> NDArray[np.intp]:
+        """Index of the medium that holds each point (..., 3)."""
+        raise NotImplementedError
+
+    def named(self, name: str) -> Interface:
+        """The interface of this name; ValueError if there is none."""
+        for interface in self.interfaces:
+            if interface.name == name:
+                return interface
+        names = ", ".join(interface.name for interface in self.interfaces)
+        raise ValueError(f"interfaces must be of {names}, not {name!r}")
+
+    def around(self, medium: int) -> tuple[tuple[int, Interface], ...]:
+        """The interfaces of a medium, numbered."""
+        return tuple(
+            (number, interface)
+            for number, interface in enumerate(self.interfaces)
+            if medium in (interface.front, interface.back)
+        )
+
+
+class AxialGlass(BoundedGlass):
+    """What glasses of revolution share."""
+
+    @property
     def hull(self) -> tuple[float, float, float]:
         """Radius, lower and upper end of a cylinder round all of it, in units of `scale`."""
         raise NotImplementedError
+
+    @property
+    def box(self) -> Floats:
+        radius, low, high = (part * self.scale for part in self.hull)
+        return np.array([(-radius, -radius, low), (radius, radius, high)])
 
     def sure(self, medium: int, left: str | None, met: str | None) -> bool:
         """Whether a stretch between two interfaces can meet no other one before.
@@ -70,10 +114,6 @@ class AxialGlass:
         `left`, `met`: names, None at the eye or after the last event.
         """
         return False
-
-    def medium_at(self, points: Floats) -> NDArray[np.intp]:
-        """Index of the medium that holds each point (..., 3)."""
-        raise NotImplementedError
 
     def holds(self, medium: int, points: Floats) -> NDArray[np.bool_]:
         """Which points (N, 3) lie in a medium, its interfaces included."""
@@ -101,25 +141,12 @@ class AxialGlass:
             found[interface.name] = (points * self.scale, normals)
         return found
 
-    def named(self, name: str) -> Interface:
-        """The interface of this name; ValueError if there is none."""
-        for interface in self.interfaces:
-            if interface.name == name:
-                return interface
-        names = ", ".join(interface.name for interface in self.interfaces)
-        raise ValueError(f"interfaces must be of {names}, not {name!r}")
-
-    def around(self, medium: int) -> tuple[tuple[int, Interface], ...]:
-        """The interfaces of a medium, numbered."""
-        return tuple(
-            (number, interface)
-            for number, interface in enumerate(self.interfaces)
-            if medium in (interface.front, interface.back)
-        )
-
 
 SOLID = 1
 """The medium that the glass itself is: nothing stands in it."""
+
+TOUCHING = 1e-4
+"""Distance, in units of `scale`, within which a thing touches an end of a glass."""
 
 MEETING = 1e-7
 """Distance, in units of `scale`, within which the ends of two interfaces are one."""
@@ -210,7 +237,7 @@ class Group:
         return sum((way for _, way in self.trail), np.zeros(len(self.index)))
 
 
-def start(glass: AxialGlass, origin: ArrayLike, direction: ArrayLike) -> list[Group]:
+def start(glass: BoundedGlass, origin: ArrayLike, direction: ArrayLike) -> list[Group]:
     """Groups of the proper rays (finite, with a direction), one a medium."""
     direction = np.atleast_2d(np.asarray(direction, dtype=float))
     origin = np.broadcast_to(np.asarray(origin, dtype=float), direction.shape)
@@ -231,12 +258,22 @@ def start(glass: AxialGlass, origin: ArrayLike, direction: ArrayLike) -> list[Gr
     return groups
 
 
-def nearest(glass: AxialGlass, medium: int, rays: Rays) -> tuple[NDArray[np.intp], Floats]:
+def nearest(glass: BoundedGlass, medium: int, rays: Rays) -> tuple[NDArray[np.intp], Floats]:
     """Number of the interface that each ray meets next, −1 for none, and the way to it."""
     return _nearest_marked(glass, medium, rays)[:2]
 
 
-def _nearest_marked(glass: AxialGlass, medium: int, rays: Rays) -> tuple:
+def reach(glass: BoundedGlass, origin: ArrayLike, direction: ArrayLike) -> Floats:
+    """Metres (M,) along rays (M, 3) to the first interface; inf where they meet none."""
+    found = np.full(len(direction), np.inf)
+    for group in start(glass, origin, direction):
+        met, way = nearest(glass, group.medium, group.rays)
+        on = met >= 0
+        found[group.index[on]] = way[on] * glass.media[group.medium] * glass.scale
+    return found
+
+
+def _nearest_marked(glass: BoundedGlass, medium: int, rays: Rays) -> tuple:
     """The same, and where on a `Profile` the meeting is, which is costly to find again."""
     met = np.full(len(rays.place[0]), -1, dtype=np.intp)
     least = np.full(len(met), np.inf)
@@ -261,7 +298,7 @@ def _nearest_marked(glass: AxialGlass, medium: int, rays: Rays) -> tuple:
 
 
 def follow(
-    glass: AxialGlass,
+    glass: BoundedGlass,
     groups: list[Group],
     onward: Callable[[Steps, Floats], NDArray[np.bool_] | None],
     watch: Callable[[Steps], bool] = lambda steps: False,
@@ -282,14 +319,18 @@ def follow(
             yield replace(group, open=True)
         met, way, marks = _nearest_marked(glass, group.medium, group.rays)
         ior = glass.media[group.medium]
-        if group.medium == 0:
+        if group.medium in glass.endless:
             ends = np.flatnonzero(met < 0)
             if len(ends):
                 yield group.take(ends)
-        if stop is not None and group.medium != SOLID:
-            on = np.flatnonzero(met >= 0)
-            free = stop(group.take(on), way[on])
-            short = free < way[on]
+        if stop is not None and (group.medium != SOLID or glass.ends):
+            on, reach = np.flatnonzero(met >= 0), way
+            if group.medium == SOLID:
+                # Through an end that touches a thing the thing is seen, with no air between.
+                on = on[np.isin(met[on], glass.ends)]
+                reach = way * (1.0 + TOUCHING) + TOUCHING
+            free = stop(group.take(on), reach[on])
+            short = free < reach[on]
             held = on[short]
             if len(held):
                 part = group.take(held)
@@ -418,7 +459,7 @@ rays get freely: to the interface that they meet after these lengths, or less. G
 
 
 def follow_rays(
-    glass: AxialGlass,
+    glass: BoundedGlass,
     origin: ArrayLike,
     direction: ArrayLike,
     *,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from .axial import AxialGlass, Steps, viewpoint
 from .profiles import Profile
-from .surfaces import LEAST, SKIN, Floats, Rays
+from .surfaces import LEAST, SKIN, Floats, Rays, cross
 
 Unknowns = tuple[Floats, ...]
 """Places on the first interface: x, y, z and what else its surface needs, each (M,)."""
@@ -271,7 +271,7 @@ class Passage:
     def weakest(self, unknowns: Unknowns, targets, stretch: int, marks: Marks):
         """Unit steps (δa, δb) that move the ray at its target the least, D, and marks."""
         p, _, a, b, _, seen = self._tangents(unknowns, targets, stretch, marks)
-        determinant = sum(part * side for part, side in zip(_cross(p, a), b, strict=True))
+        determinant = sum(part * side for part, side in zip(cross(p, a), b, strict=True))
         per = 1.0 / self.glass.media[self.media[stretch]] ** 2
         a, b = (
             [
@@ -292,12 +292,12 @@ class Passage:
         """Newton's step (δa, δb), D, which rays exist, and their marks."""
         p, e, a, b, exists, seen = self._tangents(unknowns, targets, stretch, marks)
         # p × a, of which all three triple products need one
-        cross = _cross(p, a)
-        determinant = cross[0] * b[0] + cross[1] * b[1] + cross[2] * b[2]
+        turn = cross(p, a)
+        determinant = turn[0] * b[0] + turn[1] * b[1] + turn[2] * b[2]
         inverse = 1.0 / np.where(determinant == 0.0, LEAST, determinant)
-        second = (cross[0] * e[0] + cross[1] * e[1] + cross[2] * e[2]) * inverse
-        cross = _cross(b, p)
-        first = (cross[0] * e[0] + cross[1] * e[1] + cross[2] * e[2]) * inverse
+        second = (turn[0] * e[0] + turn[1] * e[1] + turn[2] * e[2]) * inverse
+        turn = cross(b, p)
+        first = (turn[0] * e[0] + turn[1] * e[1] + turn[2] * e[2]) * inverse
         return first, second, determinant, exists, seen
 
     def solve(self, unknowns: Unknowns, anchor: Unknowns, targets, stretch, marks, *, small, most):
@@ -373,14 +373,6 @@ HOPELESS, WANDERS = 6, 0.05
 
 LARGEST = 0.5
 """Longest step, outer radii."""
-
-
-def _cross(one, other):
-    return (
-        one[1] * other[2] - one[2] * other[1],
-        one[2] * other[0] - one[0] * other[2],
-        one[0] * other[1] - one[1] * other[0],
-    )
 
 
 def basis(x, y, z):

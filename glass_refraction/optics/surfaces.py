@@ -269,6 +269,132 @@ class Plane:
         return azimuth_lines(patch, along, count)
 
 
+@dataclass(frozen=True)
+class Lid(Plane):
+    """A plane across the axis, of which a polygon (K, 2) belongs to it; the radii do not count."""
+
+    inner: float = 0.0
+    outer: float = math.inf
+    outline: tuple[tuple[float, float], ...] = ()
+
+    def within(self, x, y, z) -> Flags:
+        return in_polygon(self.outline, x, y)
+
+
+@dataclass(frozen=True)
+class Side:
+    """An upright face, its front on the right of the way from `begin` to `end` (x, y)."""
+
+    begin: tuple[float, float]
+    end: tuple[float, float]
+    low: float
+    high: float
+
+    @property
+    def _along(self) -> tuple[float, float, float]:
+        """Unit vector from begin to end, and how far that is."""
+        dx, dy = self.end[0] - self.begin[0], self.end[1] - self.begin[1]
+        length = math.hypot(dx, dy)
+        return dx / length, dy / length, length
+
+    def meet(self, rays: Rays, back: bool) -> tuple[Floats, Flags]:
+        ax, ay, _ = self._along
+        outward = rays.momentum[0] * ay - rays.momentum[1] * ax
+        towards = outward > 0.0 if back else outward < 0.0
+        behind = (self.begin[0] - rays.place[0]) * ay - (self.begin[1] - rays.place[1]) * ax
+        way = behind / np.where(towards, outward, 1.0)
+        ahead = towards & (way >= -SKIN) & (way < HORIZON)
+        return np.where(ahead, way, 0.0), ahead
+
+    def within(self, x, y, z) -> Flags:
+        ax, ay, length = self._along
+        along = (x - self.begin[0]) * ax + (y - self.begin[1]) * ay
+        # With a skin: where faces meet, rounding leaves no gap.
+        inside = (along >= -SKIN) & (along <= length + SKIN)
+        return inside & (z >= self.low - SKIN) & (z <= self.high + SKIN)
+
+    def normal(self, x, y, z) -> tuple:
+        ax, ay, _ = self._along
+        none = np.zeros_like(x)
+        return none + ay, none - ax, none
+
+    def pass_by(
+        self, rays: Rays, way, back: bool, gain: float | None, mark=None
+    ) -> tuple[Rays, Flags]:
+        """As `Cylinder.pass_by`, for rays without slopes."""
+        ax, ay, _ = self._along
+        px, py, pz = rays.momentum
+        before = px * ay - py * ax
+        after, _, possible = behind(before, gain, 1.0)
+        change = after - before
+        return Rays(rays.at(way), (px + change * ay, py - change * ax, pz)), possible
+
+
+@dataclass(frozen=True)
+class Shell:
+    """A sphere round the origin."""
+
+    radius: float
+
+    def meet(self, rays: Rays, back: bool) -> tuple[Floats, Flags]:
+        place, momentum = rays.place, rays.momentum
+        p2 = sum(p * p for p in momentum)
+        outward = sum(q * p for q, p in zip(place, momentum, strict=True))
+        turn = cross(place, momentum)
+        square = p2 * self.radius**2 - sum(part * part for part in turn)
+        root = np.sqrt(np.maximum(square, 0.0))
+        size = np.sqrt(sum(q * q for q in place))
+        beyond = (size - self.radius) * (size + self.radius)
+        # As for a cylinder, neither root is a difference of large numbers.
+        if back:
+            far = root + np.abs(outward)
+            way = np.where(outward > 0.0, -beyond / np.maximum(far, LEAST), far / p2)
+            ahead = square > 0.0
+        else:
+            way = beyond / np.maximum(root - outward, LEAST)
+            ahead = (square > 0.0) & (outward < 0.0)
+        ahead &= way >= -SKIN
+        return np.where(ahead, way, 0.0), ahead
+
+    def within(self, x, y, z) -> Flags:
+        return np.ones(np.shape(x), dtype=bool)
+
+    def normal(self, x, y, z) -> tuple:
+        per = 1.0 / self.radius
+        return x * per, y * per, z * per
+
+    def pass_by(
+        self, rays: Rays, way, back: bool, gain: float | None, mark=None
+    ) -> tuple[Rays, Flags]:
+        """As `Cylinder.pass_by`, for rays without slopes."""
+        place = rays.at(way)
+        before = sum(q * p for q, p in zip(place, rays.momentum, strict=True))
+        after, _, possible = behind(before, gain, self.radius**2)
+        change = (after - before) * (1.0 / self.radius**2)
+        turned = (p + change * q for q, p in zip(place, rays.momentum, strict=True))
+        return Rays(place, tuple(turned)), possible
+
+
+def cross(a: tuple, b: tuple) -> tuple:
+    """The cross product of vectors by components."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def in_polygon(outline, x, y) -> Flags:
+    """Which places lie in a polygon (K, 2), by how often a line towards +x crosses its sides."""
+    inside = np.zeros(np.shape(x), dtype=bool)
+    ends = (*outline[1:], outline[0])
+    for (ax, ay), (bx, by) in zip(outline, ends, strict=True):
+        if ay != by:
+            crosses = (ay <= y) != (by <= y)
+            inside ^= crosses & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
+    return inside
+
+
 def azimuth_lines(patch: Patch, along, count: int) -> Floats:
     """Shares of a patch (azimuth, other) at the azimuths of `along` and against it."""
     first = np.arctan2(along[1], along[0])
