@@ -3,7 +3,7 @@
 
 Near its verge a thin glass shows what is totally reflected at its inner face; the wall of the thick
 one is so thick that light passes it without meeting the cavity. The glasses reach beyond the
-picture above and below: rims are another matter.
+picture above and below.
 
     python demo_scenes/verge.py [-o FILE] [--unlit]
 """

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,6 +61,12 @@ def onward(glass: Glass, starts, rays: np.ndarray, path: optics.LightPath) -> On
     index = np.flatnonzero(left.valid)
     origin = glass.points_to_world(left.origin[index])
     direction = left.direction[index] @ glass.to_world[:3, :3].T
+    found = met_next(glass, origin, direction)
+    return replace(found, index=index[found.index])
+
+
+def met_next(glass: Glass, origin: np.ndarray, direction: np.ndarray) -> Onward:
+    """Which of the rays (M, 3), (M, 3), in the world, meet another glass, outside this one."""
     ways = np.stack(
         [
             optics.first_met(o.description, o.to_local(origin), o.direction_to_local(direction))
@@ -73,7 +79,7 @@ def onward(glass: Glass, starts, rays: np.ndarray, path: optics.LightPath) -> On
     for obstacle in glass.obstacles:
         some = np.flatnonzero(meets)
         meets[some] = ~obstacle.stops(origin[some], direction[some], way[some])
-    return Onward(index[meets], which[meets], origin[meets], direction[meets])
+    return Onward(np.flatnonzero(meets), which[meets], origin[meets], direction[meets])
 
 
 @dataclass(frozen=True, eq=False)

@@ -350,7 +350,7 @@ class _Group:
             one = self._math("ADD", self._math("MULTIPLY", alpha, 0.0), 1.0)
             there = self._math("DIVIDE", 1.0, self._convolved(one, kernel))
             self.direct = self._scaled(self._convolved(self.direct, kernel), there)
-        for _, bands in groupby(panes, key=lambda pane: pane.glass):
+        for _, bands in groupby(panes, key=lambda pane: (pane.glass, pane.borders)):
             colour, alpha = self._through(list(bands), colour, alpha)
         end = self._node("NodeGroupOutput")
         self._link(self._with_alpha(colour, alpha), end.inputs["Image"])
@@ -373,7 +373,7 @@ class _Group:
         return colour, alpha
 
     def _by_rays(self, pane: Pane, behind, seen):
-        """The picture behind a glass with what rays show in its place, the glass's edge and all."""
+        """The picture with what rays show in its place: a cup, edge and all, or paths' borders."""
         image = self._node("CompositorNodeImage")
         image.image = _own_image(_cover_name(self.scene, pane), "weights")
         split = self._node("ShaderNodeSeparateXYZ")
@@ -425,9 +425,8 @@ class _Group:
                 part = self._math("MULTIPLY", part, uncovered[begin])
             return part
 
-        mirrored: set[int] = set()
+        mirrored = set(pane.without_copies(self.around))
         for name, numbers in pane.mirror_layers(self.around).items():
-            mirrored.update(numbers)
             rays = self._layer(self.layers.around, name)
             first = pane.paths[numbers[0]]
             part = behind(first, rays.outputs["Image"])
@@ -478,7 +477,7 @@ class _Group:
         elif pane.held_along(path) and path.interfaces is None:
             else_colour, else_alpha = self._drawn(pane, path)
         else:
-            around = self._layer(self.layers.around, pane.layer(path))
+            around = self._layer(self.layers.around, pane.ray_layer(path))
             else_colour, else_alpha = around.outputs["Image"], around.outputs["Alpha"]
         colour = self._vector("ADD", found, self._scaled(else_colour, missing))
         alpha = self._math("ADD", share, self._math("MULTIPLY", else_alpha, missing))
@@ -497,7 +496,7 @@ class _Group:
         colour, alpha = drawn.outputs["Image"], drawn.outputs["Alpha"]
         if not self.around:
             return colour, alpha
-        around = self._layer(self.layers.around, pane.layer(path))
+        around = self._layer(self.layers.around, pane.ray_layer(path))
         uncovered = self._math("SUBTRACT", 1.0, alpha)
         colour = self._vector("ADD", colour, self._scaled(around.outputs["Image"], uncovered))
         behind = self._math("MULTIPLY", around.outputs["Alpha"], uncovered)

@@ -166,10 +166,10 @@ def write_screen(mesh: bpy.types.Mesh, view: Viewpoint, screen: Screen, depth: f
     places = origins + directions * (depth / (directions @ view.forward))[:, None]
     mesh.clear_geometry()
     write_polygons(mesh, places, screen.cells)
-    for number, weight in enumerate(screen.weights):
-        colour = weight[:, None] * screen.tints[number]
+    for row, number in enumerate(screen.numbers):
+        colour = screen.weights[row][:, None] * screen.tints[row]
         for part, values in zip(
-            _PARTS, (screen.origins[number], screen.directions[number], colour), strict=True
+            _PARTS, (screen.origins[row], screen.directions[row], colour), strict=True
         ):
             write_attribute(mesh, _attribute(part, number), values, "FLOAT_VECTOR")
     mesh.update()

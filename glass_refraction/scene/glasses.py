@@ -389,6 +389,12 @@ def _profile_points(spline) -> np.ndarray:
     return found
 
 
+def as_body(glass: Glass) -> Glass | None:
+    """The glass with all the faces that bound it; None if that is nothing that rays can meet."""
+    body = optics.body(glass.description)
+    return None if body is None else replace(glass, description=body)
+
+
 def unbounded(description):
     """The glass without its outline or extent."""
     if isinstance(description, optics.FlatGlass):

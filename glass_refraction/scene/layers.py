@@ -9,8 +9,8 @@ Four scenes belong to a user's scene:
 * *mask*: Cycles, nothing but coverage. One view layer a glass: where it is not hidden.
 * *displaced*: the user's engine and lights. One view layer a glass and light path, showing the
   copies shaded where they are drawn.
-* *around*: Cycles. One view layer a glass and light path, showing what the path's rays meet after
-  they left the glass: the world, or the world and the user's own objects and lamps.
+* *around*: Cycles. One view layer a light path, showing what its rays meet after they left any
+  glass: the world, or the world and the user's own objects and lamps.
 
 A compositor renders other scenes at the size of its own, whatever their own size is.
 Nothing is added to the user's own view layers or collections.
@@ -38,6 +38,7 @@ from .memory import counters
 from .modifier_inputs import read_input, write_input
 from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
 from .path_keys import Path, path_key, path_of, short_key
+from .ray_screen import SLOTS
 from .regions import FILTER_WIDTH
 from .shaders import curtain_material, depth_material, lookup_material, mask_material
 from .sources import is_carried
@@ -53,6 +54,8 @@ MASK_SAMPLES = 32
 FAINT_NOISE = 0.08
 """Cycles' measure of a pixel's noise, times the square root of the samples, at which rays that go
 on from a glass get no more samples there: they stay less noisy than what the engine draws."""
+BORDERS = "\u00b7 borders"
+"""After a glass's name."""
 ROLES = ("lookup", "mask", "displaced", "around")
 DEPTH_LAYER = "depth"
 
@@ -69,6 +72,11 @@ _RAYS = "refractive_glass_by_rays"
 
 _SESSION = uuid.uuid4().hex
 """Blender numbers data-blocks anew in each session: in another this number is another's."""
+
+
+def border_key(key: str) -> str:
+    """What is made for the borders of a glass's paths is known by this."""
+    return f"{key} {BORDERS}"
 
 
 @dataclass(frozen=True)
@@ -89,13 +97,19 @@ class Pane:
     traced: frozenset[Path] = frozenset()
     """Paths of which copies show nothing but what the glass itself holds."""
     rays: int = 0
-    """Of a cup of which the engine's rays show everything, the slots of its screen: it has no paths
-    of its own here."""
+    """Where the engine's rays show everything, the slots of the screen: it has no paths of its own
+    here."""
+    borders: bool = False
+    """Rays show the borders of the paths of the glass's other pane, and those of its paths that
+    have no copies; else they show a cup."""
+    has_borders: bool = False
+    """There is such a pane."""
 
     @property
     def key(self) -> str:
-        """As the glass's, :func:`glasses.banded_key`."""
-        return banded_key(self.glass.name, self.band)
+        """As the glass's, :func:`glasses.banded_key`, or that of its borders."""
+        key = banded_key(self.glass.name, self.band)
+        return border_key(key) if self.borders else key
 
     def held_along(self, path: Path) -> tuple[bpy.types.Object, ...]:
         """The sources that reach into any glass of the path."""
@@ -118,35 +132,70 @@ class Pane:
         return self.sources if here else self.held_along(path)
 
     def layer(self, path: Path) -> str:
-        """Name of the view layer of one path, in both scenes."""
+        """Name of the view layer of one path's copies, in both scenes."""
         return f"{self.key} {short_key(path)}"
+
+    def ray_layer(self, path: Path) -> str:
+        """Name of the view layer of what rays look up where a path's copies do not show it."""
+        return banded_key(short_key(path), self.band)
 
     def before(self, path: Path) -> tuple[optics.LightPath, ...]:
         """The open paths that the path begins with: what they show stands before it."""
         return tuple(p for p in self.paths if p.open and p != path and p.begins(path))
 
+    def border_pane(self, around: str, slots: int) -> Pane:
+        """Another pane, whose rays show this one's borders and paths without copies."""
+        paths = tuple(self.paths[number] for number in self.without_copies(around))
+        return Pane(
+            self.glass,
+            paths,
+            self.sources,
+            bare=frozenset(paths),
+            band=self.band,
+            rays=slots,
+            borders=True,
+        )
+
+    def without_copies(self, around: str) -> tuple[int, ...]:
+        """Numbers of the whole paths that the engine's rays show alone."""
+        return tuple(
+            number
+            for number, path in enumerate(self.paths)
+            if around and not path.open and not self.carried(path, around)
+        )
+
+    @property
+    def screened(self) -> tuple[int, ...]:
+        """Numbers of the paths whose rays this pane's own screen knows."""
+        return tuple(
+            number
+            for number, path in enumerate(self.paths)
+            if not (self.has_borders and path in self.bare)
+        )
+
     def mirror_layers(self, around: str) -> dict[str, tuple[int, ...]]:
         """View layers of all paths that have no copies, and their numbers.
 
-        One for all that the same things stand before.
+        One for all that the same things stand before, and the same for all glasses: where one
+        stands before another, that is hidden anyway.
         """
         if self.rays:
-            return {f"{self.key} mirrored": tuple(range(self.rays))}
-        if not around:
-            return {}
+            name = "borders" if self.borders else "rays"
+            return {banded_key(name, self.band): tuple(range(self.rays))}
         groups: dict[tuple, list[int]] = {}
-        for number, path in enumerate(self.paths):
-            if not path.open and not self.carried(path, around):
-                groups.setdefault(self.before(path), []).append(number)
+        for number in self.without_copies(around):
+            groups.setdefault(self.before(self.paths[number]), []).append(number)
         named = enumerate(groups.values())
-        return {f"{self.key} mirrored{n or ''}": tuple(group) for n, group in named}
+        return {banded_key(f"mirrors {n}", self.band): tuple(group) for n, group in named}
 
     def ray_layers(self, around: str) -> dict[str, tuple[int, ...]]:
         """View layers of what rays look up, and the numbers of the paths that each shows."""
         layers = self.mirror_layers(around)
+        if self.rays:
+            return layers
         for number, path in enumerate(self.paths):
             if around and not path.open and self.carried(path, around):
-                layers[self.layer(path)] = (number,)
+                layers[self.ray_layer(path)] = (number,)
         return layers
 
     @property
@@ -215,10 +264,15 @@ class Layers:
                 return collection.objects[0]
         raise KeyError(glass_name)
 
-    def screen(self, glass_name: str) -> bpy.types.Mesh:
-        """The mesh that knows where a glass's rays go."""
+    def screen(self, glass_name: str, mirrored: bool | None = None) -> bpy.types.Mesh:
+        """The mesh that knows where a glass's rays go.
+
+        ``mirrored``: of the layers of paths without copies, where they have one of their own, or of
+        the others.
+        """
         for collection in self.around.collection.children:
-            if own(collection, "screen") and collection[_GLASS] == glass_name:
+            wanted = own(collection, "screen") and collection[_GLASS] == glass_name
+            if wanted and mirrored in (None, collection[_MIRRORED]):
                 return collection.objects[0].data
         raise KeyError(glass_name)
 
@@ -404,10 +458,11 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], arou
         hull[_GLASS] = pane.key
         hull[_PATHS] = "\n".join(path_key(path) for path in pane.paths)
         hull[_RAYS] = pane.rays
-        mesh = bpy.data.meshes.new(hidden_name("hull", pane.key))
-        mesh.materials.append(mask_material())
-        _new_object("hull", mesh, hull)
         hulls[pane.key] = hull
+        if not pane.borders:
+            mesh = bpy.data.meshes.new(hidden_name("hull", pane.key))
+            mesh.materials.append(mask_material())
+            _new_object("hull", mesh, hull)
         for path in pane.drawn:
             made = _new_collection("copies", lookup, displaced)
             made[_GLASS], made[_PATH] = pane.key, path_key(path)
@@ -426,6 +481,8 @@ def _make_layers(scene: bpy.types.Scene, layers: Layers, panes: list[Pane], arou
     _name_layers(displaced, names)
     _name_layers(layers.mask, list(dict.fromkeys(pane.mask_layer for pane in panes)))
     for pane in panes:
+        if pane.borders:
+            continue
         # Light of all colours has the same outline: the last one's hull serves.
         mask = layers.mask.view_layers[pane.mask_layer]
         _show_only(mask, hulls[pane.key], occluders)
@@ -452,21 +509,28 @@ def _make_around(
     _show_to_camera_only(curtain)
     names = []
     for pane in panes:
-        mesh = bpy.data.meshes.new(hidden_name("screen", pane.key))
-        mesh[TAG] = "screen"
-        mesh.materials.append(None)
+        meshes = {}
         for name, numbers in pane.ray_layers(mode).items():
             names.append(name)
+            mirrored = name in pane.mirror_layers(mode)
+            apart = mirrored and pane.has_borders
+            mesh = meshes.get(apart)
+            if mesh is None:
+                mesh = meshes[apart] = bpy.data.meshes.new(hidden_name("screen", pane.key))
+                mesh[TAG] = "screen"
+                mesh.materials.append(None)
+            if apart:
+                numbers = range(SLOTS[scene.refractive_glass.surface])
             screen = _new_collection("screen", around)
             screen[_GLASS], screen[_LAYER] = pane.key, name
-            screen[_MIRRORED] = name in pane.mirror_layers(mode)
-            obj = _new_object("screen", mesh, screen, name)
+            screen[_MIRRORED] = mirrored
+            obj = _new_object("screen", mesh, screen, pane.key, name)
             _show_to_camera_only(obj)
             slot = obj.material_slots[0]
             slot.link = "OBJECT"
-            weighed = name in pane.mirror_layers(mode)
-            slot.material = ray_material(f"{scene.name} {name}", numbers, weighed=weighed)
-    _name_layers(around, names)
+            key = f"{scene.name} {pane.key} {name}"
+            slot.material = ray_material(key, numbers, weighed=mirrored)
+    _name_layers(around, list(dict.fromkeys(names)))
 
 
 def _show_to_camera_only(obj: bpy.types.Object) -> None:

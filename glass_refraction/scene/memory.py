@@ -50,6 +50,8 @@ class Memory:
     )
     occluders: dict[int, Snapshot] = field(default_factory=dict)
     probes: dict[tuple[str, optics.LightPath], tuple[tuple, Probe]] = field(default_factory=dict)
+    borders: dict[str, tuple[tuple, tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
+    """Of each glass: the pixels where its paths end, and those that it covers."""
     ray_screens: dict[str, tuple[tuple, RayScreen]] = field(default_factory=dict)
     still: tuple | None = None
     centre: float | None = None

@@ -51,7 +51,7 @@ def among(
             others.append(other)
     if not others:
         return glass
-    box = np.concatenate([_box(each) for each in (glass, *others)])
+    box = np.concatenate([glass_box(each) for each in (glass, *others)])
     low, high = box.min(axis=0), box.max(axis=0)
     between = []
     for source in sources:
@@ -66,7 +66,7 @@ def _why_not(glass: Glass, other: Glass) -> str:
     if not _stands_in_air(glass):
         return f'what is behind "{glass.name}" is not air'
     for outer, inner in ((glass, other), (other, glass)):
-        if outer.holds(_box(inner).mean(axis=0, keepdims=True))[0]:
+        if outer.holds(glass_box(inner).mean(axis=0, keepdims=True))[0]:
             return f'"{inner.name}" stands in "{outer.name}"'
     return ""
 
@@ -78,7 +78,7 @@ def _stands_in_air(glass: Glass) -> bool:
     )
 
 
-def _box(glass: Glass) -> np.ndarray:
+def glass_box(glass: Glass) -> np.ndarray:
     """The corners (8, 3) of a box round a glass, in the world."""
     description = glass.description
     if isinstance(description, optics.FlatGlass):

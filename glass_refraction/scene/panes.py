@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .. import optics
@@ -10,7 +12,7 @@ from ..optics.axial import AxialGlass
 from ..optics.tumbler import GLASS
 from .glasses import Glass, glass_objects, read_glass
 from .hull import first_face
-from .layers import Layers, Pane
+from .layers import Layers, Pane, border_key
 from .memory import counters, memory_of
 from .names import RefractiveGlassError
 from .neighbours import among, with_chains
@@ -148,12 +150,14 @@ def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pan
     for obj, glass in read:
         bands = [banded.key for banded in glass.bands() if banded.key in keys]
         known = {key: [tuple(map(path_of, some)) for some in keys[key]] for key in bands}
-        if any(
+        borders = [key for key in bands if border_key(key) in keys]
+        if borders or any(
             isinstance(path, optics.ChainedPath) for paths, _ in known.values() for path in paths
         ):
             glass = among(glass, glasses, seen_through(obj, sources), depsgraph, [])
         # What has come to stand otherwise since is seen no more until all is made anew.
         there = {None, *(other.name for other in glass.others)}
+        shown = []
         for banded in glass.bands():
             if banded.key not in known:
                 continue
@@ -162,5 +166,11 @@ def standing_panes(scene, layers: Layers, depsgraph, problems) -> list[tuple[Pan
             paths = tuple(path for path in paths if getattr(path, "behind", None) in there)
             rays = by_rays.get(banded.key, 0)
             pane = Pane(obj, paths, (), bare=frozenset(bare), band=banded.band, rays=rays)
+            if banded.key in borders:
+                key = border_key(banded.key)
+                alone = tuple(path for path in map(path_of, keys[key][0]) if path in paths)
+                shown.append((replace(pane, paths=alone, rays=by_rays[key], borders=True), banded))
+                pane = replace(pane, bare=pane.bare.union(alone), has_borders=True)
             panes.append((pane, banded))
+        panes += shown
     return panes

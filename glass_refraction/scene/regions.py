@@ -12,7 +12,7 @@ import numpy as np
 from .. import optics
 from ..optics.axial import AxialGlass
 from .chains import onward, other_glass
-from .glasses import Glass, read_glasses, unbounded
+from .glasses import Glass, as_body, read_glasses, unbounded
 from .hull import first_face
 from .path_keys import Path, path_key
 from .viewpoint import Viewpoint, read_viewpoint
@@ -100,7 +100,12 @@ def blackman_harris(x: np.ndarray) -> np.ndarray:
 def picture_rect(glass: Glass, view: Viewpoint, margin: int = 3) -> tuple[int, int, int, int]:
     """The pixels that the glass can cover: (x0, y0, x1, y1), half open; empty if x0 >= x1."""
     vertices, _ = first_face(glass, view.eye_for(glass))
-    clip = view.clip(glass.points_to_world(vertices))
+    return covered_rect(view, glass.points_to_world(vertices), margin)
+
+
+def covered_rect(view: Viewpoint, points: np.ndarray, margin: int) -> tuple[int, int, int, int]:
+    """The pixels, half open, that what lies between points (N, 3) of the world can cover."""
+    clip = view.clip(points)
     width, height = view.size
     if np.any(clip[:, 2] <= 0):
         if np.all(clip[:, 2] <= 0):
@@ -281,6 +286,43 @@ class PathRays:
             other.to_local(origin), other.direction_to_local(direction), path.second
         )
         return glass.transmittance(*rays, path.first) * then
+
+    def cut_off(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(M,) the part of the light along these paths that faces lack by which it would go."""
+        alone = tuple(path for path in self.paths if not isinstance(path, optics.ChainedPath))
+        eye, directions = self.view.rays_in(self.glass, x, y)
+        description = self.glass.description
+        whole, _ = optics.path_weights(unbounded(description), eye, directions, alone)
+        found, _ = optics.path_weights(description, eye, directions, alone)
+        if not self.fresnel:
+            whole, found = (whole > 0).astype(float), (found > 0).astype(float)
+        lost = (whole - found).sum(axis=0)
+        for first in {first for first, _ in self.glass.chained}.intersection(alone):
+            light = whole[alone.index(first)]
+            some = np.flatnonzero(light > 0.0)
+            starts = eye if np.ndim(eye) == 1 else eye[some]
+            lost[some] += light[some] * self._missed_behind(starts, directions[some], first)
+        return np.where(self._leaves_sideways(eye, directions), 1.0, lost)
+
+    def _missed_behind(self, starts, rays: np.ndarray, first: optics.LightPath) -> np.ndarray:
+        """(M,) the part of light, after a path of this glass, that others' ends send elsewhere."""
+        left = optics.trace(unbounded(self.glass.description), starts, rays, first)
+        origin = self.glass.points_to_world(left.origin)
+        direction = left.direction @ self.glass.to_world[:3, :3].T
+        lost = np.zeros(len(rays))
+        for other in self.glass.others:
+            body = as_body(other)
+            seconds = [p.second for p in self.paths if _goes_on(p, first, other)]
+            if body is None or not seconds:
+                continue
+            start, along = other.to_local(origin), other.direction_to_local(direction)
+            met = np.isfinite(optics.reach(body.description, start, along))
+            hit = np.isfinite(optics.first_met(other.description, start, along))
+            ends, _ = optics.path_weights(other.description, start, along, seconds)
+            whole, _ = optics.path_weights(unbounded(other.description), start, along, seconds)
+            gone = np.where(met & hit, (whole - ends).sum(axis=0), met != hit)
+            lost = np.maximum(lost, gone)
+        return np.where(left.valid, lost, 0.0)
 
     def bounded(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(P, M) whether the path is taken with every face met within its extent."""

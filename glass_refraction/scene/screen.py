@@ -9,7 +9,7 @@ all in the smooth middle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,7 @@ class Screen:
 
     Attributes
     ----------
+    numbers : of the P paths among the glass's.
     pixels : (V, 2) where the vertices are in the picture.
     cells : (C, 4) squares of vertices, anticlockwise.
     weights : (P, V) part of the light along each path; the parts of a ray sum to one. A few pixels
@@ -51,6 +52,7 @@ class Screen:
         no ray near takes the path.
     """
 
+    numbers: tuple[int, ...]
     pixels: np.ndarray
     cells: np.ndarray
     weights: np.ndarray
@@ -59,10 +61,31 @@ class Screen:
     directions: np.ndarray
 
 
-def build_screen(glass: Glass, view: Viewpoint, regions: Regions, *, fresnel: bool) -> Screen:
-    """The rays of the regions' paths over their rectangle."""
+def build_screen(
+    glass: Glass,
+    view: Viewpoint,
+    regions: Regions,
+    *,
+    fresnel: bool,
+    numbers: tuple[int, ...],
+    finest: float = 1.0 / FINEST,
+) -> Screen:
+    """The rays of the regions' paths over their rectangle.
+
+    Parameters
+    ----------
+    numbers : of the paths that are wanted. finest : pixels a side of the smallest cells.
+    """
+    chosen = list(numbers)
+    regions = replace(
+        regions,
+        paths=tuple(regions.paths[number] for number in chosen),
+        weights=regions.weights[chosen],
+        inside=regions.inside[chosen],
+        shares=regions.shares[chosen],
+    )
     samples = _Samples(glass, view, regions, fresnel)
-    cells = np.concatenate([*_split(samples, regions, view)])
+    cells = np.concatenate([*_split(samples, regions, view, round(finest * FINEST))])
     corners, index = np.unique(_key(cells), return_inverse=True)
     cells = index.reshape(-1, 4)
     weights, hit, taken, origins, directions = samples.at(corners)
@@ -76,7 +99,7 @@ def build_screen(glass: Glass, view: Viewpoint, regions: Regions, *, fresnel: bo
         origins[number], directions[number], tints[number] = np.split(rays, 3, axis=1)
     parts = samples.shared(weights).T.copy()
     _spread(parts, hit.copy(), cells)
-    return Screen(samples.pixels(corners), cells, parts.T, tints, origins, directions)
+    return Screen(numbers, samples.pixels(corners), cells, parts.T, tints, origins, directions)
 
 
 _STRIDE = 1 << 20
@@ -150,8 +173,8 @@ class _Samples:
         return weights, hit, taken, origins, directions
 
 
-def _split(samples: _Samples, regions: Regions, view: Viewpoint):
-    """The cells' corners (C, 4, 2) on the lattice, size by size."""
+def _split(samples: _Samples, regions: Regions, view: Viewpoint, finest: int):
+    """The cells' corners (C, 4, 2) on the lattice, size by size down to ``finest``."""
     x0, y0, x1, y1 = regions.rect
     named = any(may_lack_light(path) for path in regions.paths)
     counts = regions.weights > (FAINT if named else 0.0)
@@ -166,7 +189,7 @@ def _split(samples: _Samples, regions: Regions, view: Viewpoint):
     square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
     while len(low):
         corners = low[:, None] + size * square
-        if size == 1:
+        if size <= finest:
             yield corners
             return
         middle = low + size // 2

@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..optics.axial import TOUCHING
 from .glasses import Glass
 from .mesh_arrays import read_triangles
 from .obstacles import Obstacle
@@ -38,11 +39,13 @@ def may_hide(thing: Obstacle, view: Viewpoint, rect, depth: float) -> bool:
     return bool((places.min(axis=0) < rect[2:]).all() and (places.max(axis=0) > rect[:2]).all())
 
 
+def body_corners(glass: Glass) -> np.ndarray:
+    """The corners (8, 3), in the world, of a box round a glass that is a body."""
+    box = glass.description.box
+    return glass.points_to_world(np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3))
+
+
 def within(thing: Obstacle, glass: Glass) -> bool:
-    """Whether a thing may reach into a cup."""
-    radius, low, high = (part * glass.description.scale for part in glass.description.hull)
-    corners = np.array(
-        [(x, y, z) for x in (-radius, radius) for y in (-radius, radius) for z in (low, high)]
-    )
-    corners = glass.points_to_world(corners)
-    return thing.overlaps(corners.min(axis=0), corners.max(axis=0))
+    """Whether a thing may reach into a glass that is a body, or touch it."""
+    corners, skin = body_corners(glass), TOUCHING * glass.description.scale
+    return thing.overlaps(corners.min(axis=0) - skin, corners.max(axis=0) + skin)

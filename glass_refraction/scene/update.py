@@ -24,6 +24,7 @@ from .. import optics
 from ..optics.axial import AxialGlass
 from .appearance import Appearance, Search, Solver, Source
 from .bake_playback import bake_problems, is_held
+from .borders import border_pixels_of, border_rect, border_zone, has_borders
 from .chains import path_stamp
 from .changes import generation
 from .compositing import (
@@ -47,6 +48,7 @@ from .environment import (
 )
 from .glasses import (
     Glass,
+    as_body,
     banded_key,
     glass_modifier,
     glass_objects,
@@ -70,12 +72,12 @@ from .memory import Memory, Status, Step, counters, forget, memory_of, status
 from .modifier_inputs import write_input
 from .motion_blur import frame_time, keep_moment
 from .names import RefractiveGlassError
-from .neighbours import among, chained_paths
+from .neighbours import among, chained_paths, glass_box
 from .panes import kept_paths, open_paths, standing_panes, thin_paths
 from .path_keys import Path, path_key
-from .ray_screen import SLOTS, RayScreen, build_ray_screen
+from .ray_screen import SLOTS, RayScreen, Zone, build_ray_screens, met_pixels, widened
 from .regions import Regions, path_regions, picture_rect
-from .screen import build_screen
+from .screen import FINEST, build_screen
 from .sources import (
     Snapshot,
     is_carried,
@@ -86,7 +88,7 @@ from .sources import (
 )
 from .tessellation import Probe, region_probe
 from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
-from .things import may_hide, obstacle_of, within
+from .things import body_corners, may_hide, obstacle_of, within
 from .viewpoint import Viewpoint, read_viewpoint
 
 __all__ = [
@@ -229,6 +231,10 @@ def prepare(
             )
             empty = (p for p in chains if around and not pane.carried(p, around))
             bands.append(replace(pane, bare=bare.union(empty)))
+        if shows_objects(around) and has_borders(glass):
+            slots = SLOTS[scene.refractive_glass.surface]
+            rays = [pane.border_pane(around, slots) for pane in bands]
+            bands[:] = [*(replace(pane, has_borders=True) for pane in bands), *rays]
     # Each glass goes over those behind it.
     nearness.sort(key=lambda pair: -pair[0])
     panes = [pane for _, bands in nearness for pane in bands]
@@ -393,16 +399,20 @@ def updating(
     copies = layers.copies()
     rects = []
     done = 0
+    depths = _screen_depths(scene, panes, view)
     for pane, glass in panes:
         if pane.rays:
             # Of use to renders alone; 3D views show such glasses in their own way.
             if exact:
                 yield Step(done / max(1, len(copies)), f"Rays of {pane.key}")
-                screen = _update_rays(scene, memory, pane, glass, view, layers, depsgraph)
-                rects.append(screen.rect)
+                screen = _update_rays(
+                    scene, memory, pane, glass, view, layers, depsgraph, depths[glass.name]
+                )
+                if screen is not None:
+                    rects.append(screen.rect)
             continue
         try:
-            regions = _update_regions(scene, memory, pane, glass, view, layers)
+            regions = _update_regions(scene, memory, pane, glass, view, layers, depths[glass.name])
         except RefractiveGlassError as error:
             problems.append(str(error))
             continue
@@ -421,7 +431,7 @@ def updating(
     by_rays = (
         path_key(path)
         for pane, _ in panes
-        if pane.rays and pane.key in memory.ray_screens
+        if pane.rays and not pane.borders and pane.key in memory.ray_screens
         for path in memory.ray_screens[pane.key][1].paths
     )
     shapes = [shape for key, (_, _, shape) in memory.copies.items() if key in copies]
@@ -464,39 +474,77 @@ def _dress_copies(layers: Layers, depsgraph) -> None:
     remove_unused()
 
 
-def _update_regions(scene, memory, pane: Pane, glass: Glass, view, layers: Layers) -> Regions:
+def _screen_depths(scene, panes, view: Viewpoint) -> dict[str, float]:
+    """Metres before the camera to the screens of each glass: those of the nearest come first.
+
+    Rays of all glasses share view layers: a nearer glass hides what is behind it there too.
+    """
+    nearest = NEAREST * scene.camera.data.clip_start
+    begins = {
+        glass.name: float(((glass_box(glass) - view.eye) @ view.forward).min())
+        for _, glass in panes
+    }
+    order = sorted(begins, key=begins.get)
+    step = (BEHIND_SCREENS - 1.0) / (len(order) + 1)
+    return {name: nearest * (1.0 + rank * step) for rank, name in enumerate(order)}
+
+
+def _update_regions(
+    scene, memory, pane: Pane, glass: Glass, view, layers: Layers, depth: float
+) -> Regions:
     fresnel = scene.refractive_glass.surface == "GLASS"
     around = surroundings(scene, effective_shading(scene))
-    stamp = (glass.seen_stamp(), view.stamp(), pane.paths, fresnel, around)
+    stamp = (glass.seen_stamp(), view.stamp(), pane.paths, fresnel, around, depth)
     known = memory.regions.get(pane.key)
     if known is not None and known[0] == stamp:
         return known[1]
     dozens = frozenset(path for path in pane.bare if path.interfaces is not None)
-    regions = path_regions(glass, view, pane.paths, fresnel=fresnel, bare=dozens)
+    smooth = not pane.has_borders
+    regions = path_regions(glass, view, pane.paths, fresnel=fresnel, smooth=smooth, bare=dozens)
     counters["masks"] += 1
     counters["mask_pixels"] += regions.hit.size
     write_weights(scene, pane, glass, regions, view)
     _write_hull(layers.hull(pane.key), glass, view)
-    if around:
-        screen = build_screen(glass, view, regions, fresnel=fresnel)
-        depth = NEAREST * scene.camera.data.clip_start
-        write_screen(layers.screen(pane.key), view, screen, depth)
-        _write_curtain(scene, layers, view, depth)
+    if around and pane.screened:
+        finest = 1.0 if pane.has_borders else 1.0 / FINEST
+        screen = build_screen(
+            glass, view, regions, fresnel=fresnel, numbers=pane.screened, finest=finest
+        )
+        mesh = layers.screen(pane.key, False if pane.has_borders else None)
+        write_screen(mesh, view, screen, depth)
+        _write_curtain(scene, layers, view)
     memory.regions[pane.key] = (stamp, regions)
     return regions
 
 
 def _update_rays(
-    scene, memory, pane: Pane, glass: Glass, view: Viewpoint, layers: Layers, depsgraph
-) -> RayScreen:
-    """The screen of a cup, unless nothing changed that its rays could meet."""
+    scene,
+    memory,
+    pane: Pane,
+    glass: Glass,
+    view: Viewpoint,
+    layers: Layers,
+    depsgraph,
+    depth: float,
+) -> RayScreen | None:
+    """The screen of a cup or of borders, unless nothing changed that its rays could meet.
+
+    None for borders of a glass that cannot be computed.
+    """
     settings = scene.refractive_glass
     fresnel = settings.surface == "GLASS"
-    rect = picture_rect(glass, view)
+    if pane.borders:
+        parts = _find_borders(memory, glass, view, fresnel)
+        if not parts:
+            return None
+        zone = border_zone(glass, view, parts, memory.regions[glass.key][1].paths, pane.paths)
+        glass, rect, asked = as_body(glass), zone.rect, zone.stamp()
+    else:
+        rect = picture_rect(glass, view)
+        zone = asked = None
     sources = source_objects(scene.view_layers[0])
     seen = set(seen_through(pane.glass, sources))
-    vertices, _ = first_face(glass, view.eye_for(glass))
-    ends = float(view.clip(glass.points_to_world(vertices))[:, 3].max())
+    ends = float(view.clip(body_corners(glass))[:, 3].max())
     front, held = [], []
     for source in sources:
         thing = obstacle_of(source, depsgraph)
@@ -505,31 +553,54 @@ def _update_rays(
         if thing is not None and source in seen and within(thing, glass):
             held.append(thing)
     stamps = [[thing.stamp for thing in things] for things in (front, held)]
-    stamp = (glass.stamp(), view.stamp(), fresnel, settings.min_weight, stamps, pane.rays)
+    least = settings.min_weight
+    stamp = (glass.seen_stamp(), view.stamp(), fresnel, least, stamps, pane.rays, asked, depth)
     known = memory.ray_screens.get(pane.key)
     if known is not None and known[0] == stamp:
         return known[1]
-    depth = NEAREST * scene.camera.data.clip_start
-    screen = build_ray_screen(
+    if zone is None:
+        cover = widened(met_pixels(glass, view, rect))
+        zone = Zone(rect, cover, np.zeros_like(cover))
+    screen, mirrors = build_ray_screens(
         glass,
         view,
+        zone,
         front,
         held,
         fresnel=fresnel,
-        min_weight=settings.min_weight,
-        depth=BEYOND_CURTAIN * depth,
+        min_weight=least,
+        depth=BEYOND_CURTAIN * NEAREST * scene.camera.data.clip_start,
         slots=pane.rays,
     )
     counters["masks"] += 1
     counters["mask_pixels"] += screen.cover.size
     write_cover(scene, pane, screen, view)
     write_ray_screen(layers.screen(pane.key), view, screen, depth)
-    _write_curtain(scene, layers, view, depth)
+    if mirrors is not None:
+        mesh = layers.screen(banded_key(pane.glass.name, pane.band), True)
+        write_ray_screen(mesh, view, mirrors, depth)
+    _write_curtain(scene, layers, view)
     memory.ray_screens[pane.key] = (stamp, screen)
     return screen
 
 
-def _write_curtain(scene, layers: Layers, view: Viewpoint, depth: float) -> None:
+def _find_borders(memory: Memory, glass: Glass, view: Viewpoint, fresnel: bool):
+    """What :func:`borders.border_pixels_of` finds in light of each colour that was looked at."""
+    found = []
+    for key in {glass.key, *(banded_key(glass.name, band) for band in optics.LINES)}:
+        if key not in memory.regions:
+            continue
+        stamp, regions = memory.regions[key]
+        known = memory.borders.get(key)
+        if known is None or known[0] != stamp:
+            known = (stamp, border_pixels_of(glass, view, regions, fresnel=fresnel))
+            memory.borders[key] = known
+        found.append(known[1])
+    return found
+
+
+def _write_curtain(scene, layers: Layers, view: Viewpoint) -> None:
+    depth = NEAREST * scene.camera.data.clip_start
     wide = 2.0 * scene.camera.data.ortho_scale if view.is_parallel else WIDE * depth
     write_curtain(layers.curtain().data, BEHIND_SCREENS * depth, wide)
 
@@ -652,7 +723,11 @@ def _depth(glass: Glass, view: Viewpoint) -> float:
 
 
 def _covered(scene, panes: list[Pane], depsgraph, view: Viewpoint) -> tuple[int, int, int, int]:
-    return _union([picture_rect(read_glass(p.glass, depsgraph), view) for p in panes])
+    rects = []
+    for pane in panes:
+        glass = read_glass(pane.glass, depsgraph)
+        rects.append(border_rect(glass, view) if pane.borders else picture_rect(glass, view))
+    return _union(rects)
 
 
 def _union(rects) -> tuple[int, int, int, int]:

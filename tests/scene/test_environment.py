@@ -248,7 +248,9 @@ def test_between_the_screens_vertices_rays_are_near_enough(glass):
     found = read_glasses(scenes.depsgraph())[0]
     paths = optics.light_paths(found.description, view.eye_for(found), min_weight=0.02)
     regions = path_regions(found, view, paths)
-    screen = build_screen(found, view, regions, fresnel=True)
+    screen = build_screen(
+        found, view, regions, fresnel=True, numbers=tuple(range(len(regions.paths)))
+    )
     assert np.isfinite(screen.directions).all() and np.isfinite(screen.origins).all()
     # The cells cover the rectangle once.
     corner = screen.pixels[screen.cells]
@@ -292,7 +294,9 @@ def test_a_screen_is_fine_only_where_rays_need_it():
         view = read_viewpoint(bpy.context.scene, scenes.depsgraph())
         glass = read_glasses(scenes.depsgraph())[0]
         regions = path_regions(glass, view, paths)
-        cells.append(len(build_screen(glass, view, regions, fresnel=True).cells))
+        numbers = tuple(range(len(regions.paths)))
+        screen = build_screen(glass, view, regions, fresnel=True, numbers=numbers)
+        cells.append(len(screen.cells))
     # Sixteen times the pixels, but regions' borders are only four times as long.
     assert cells[1] < 8 * cells[0]
 
@@ -359,7 +363,7 @@ def test_what_lies_beside_the_glass_is_not_drawn_again(tmp_path):
     scene = scenes.settings(160, 120, samples=1, surface="GLASS", shading="TRUE")
     _world(scene, (1.0, 1.0, 1.0, 1.0))
     door.prepare(scene, scenes.depsgraph())
-    door.update(scene, scenes.depsgraph())
+    door.update(scene, scenes.depsgraph(), exact=True)
     around = find_layers(scene).around
     around.render.use_border = False
     found = scenes.picture(around, tmp_path)
@@ -369,7 +373,7 @@ def test_what_lies_beside_the_glass_is_not_drawn_again(tmp_path):
     # The screen reaches some pixels beyond the glass, for the pixel filter.
     hit[y0:y1, x0:x1] = True
     assert found[~hit, :3].max() == 0.0
-    assert found[hit, :3].mean() > 0.05
+    assert found[hit, :3].mean() > 0.02
 
 
 def test_with_more_samples_mirrors_may_be_less_noisy():

@@ -12,7 +12,15 @@ from glass_refraction.scene.glasses import glass_modifier, read_glasses
 from glass_refraction.scene.layers import find_layers
 from glass_refraction.scene.modifier_inputs import write_input
 from glass_refraction.scene.obstacles import Obstacle
-from glass_refraction.scene.ray_screen import SLOTS, TOLERANCE_PX, build_ray_screen
+from glass_refraction.scene.ray_screen import (
+    SLOTS,
+    TOLERANCE_PX,
+    Zone,
+    build_ray_screens,
+    met_pixels,
+    widened,
+)
+from glass_refraction.scene.regions import picture_rect
 from glass_refraction.scene.things import may_hide, obstacle_of, within
 from glass_refraction.scene.update import counters, memory_of, prepare, status, update
 from glass_refraction.scene.viewpoint import read_viewpoint
@@ -25,11 +33,22 @@ def _glass_and_view(scene):
     return read_glasses(depsgraph)[0], read_viewpoint(scene, depsgraph)
 
 
+def _screen(glass, view, front=(), *, fresnel):
+    rect = picture_rect(glass, view)
+    cover = widened(met_pixels(glass, view, rect))
+    zone = Zone(rect, cover, np.zeros_like(cover))
+    found, mirrors = build_ray_screens(
+        glass, view, zone, front, (), fresnel=fresnel, min_weight=0.01, depth=DEPTH
+    )
+    assert mirrors is None
+    return found
+
+
 @pytest.mark.parametrize("eye", [scenes.LOW, scenes.HIGH])
 def test_all_light_has_a_slot_at_every_corner(eye):
     scenes.cup(eye)
     glass, view = _glass_and_view(scenes.settings(40, 30))
-    screen = build_ray_screen(glass, view, (), (), fresnel=True, min_weight=0.01, depth=DEPTH)
+    screen = _screen(glass, view, fresnel=True)
     assert len(screen.colours) <= SLOTS["GLASS"]
     np.testing.assert_allclose(screen.colours.sum(axis=0), 1.0, atol=2e-6)
     lit = screen.colours.max(axis=3) > 0
@@ -43,7 +62,7 @@ def test_between_the_corners_rays_are_nearly_the_true_ones():
     """Interpolated where a cell is in one region, they go where the traced ones go."""
     scenes.cup(scenes.LOW)
     glass, view = _glass_and_view(scenes.settings(80, 60))
-    screen = build_ray_screen(glass, view, (), (), fresnel=False, min_weight=0.01, depth=DEPTH)
+    screen = _screen(glass, view, fresnel=False)
     whole = (screen.colours[0].min(axis=(1, 2)) == 1.0) & ~screen.colours[1:].any(axis=(0, 2, 3))
     # In smaller ones, at the borders, nothing is measured.
     whole &= np.ptp(screen.pixels[screen.cells][..., 0], axis=1) > 0.5
@@ -72,7 +91,7 @@ def test_what_stands_before_the_glass_leaves_its_rays_straight():
     assert may_hide(thing, view, (20, 10, 40, 40), 0.4)
     assert not may_hide(thing, view, (20, 10, 40, 40), 0.1)
     assert not within(thing, glass)
-    screen = build_ray_screen(glass, view, (thing,), (), fresnel=True, min_weight=0.01, depth=DEPTH)
+    screen = _screen(glass, view, (thing,), fresnel=True)
     origins, directions = view.rays(*screen.pixels[screen.cells[:, 0]].T)
     hidden = thing.stops(origins, directions, np.full(len(origins), 0.28))
     assert hidden.sum() > 20

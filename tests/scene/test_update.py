@@ -76,7 +76,8 @@ def test_a_moved_camera_costs_everything():
 
     found = _counted(move)
     assert found["solves"] == 1
-    assert found["masks"] == 1
+    # The paths' weights, and the rays where they end.
+    assert found["masks"] == 2
 
 
 def test_a_render_after_an_update_solves_nothing(tmp_path):
