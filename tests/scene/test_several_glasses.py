@@ -107,17 +107,16 @@ def test_each_pixel_shows_where_its_ray_ends_behind_both(tmp_path, shading):
 
 
 def test_two_panes_and_what_stands_between_and_behind_look_as_in_cycles(tmp_path):
-    # The near pane fills the picture and the far one is thin: rims are another matter.
     scenes.camera(location=(0.0, -0.5, 0.06), tilt=np.pi / 2, lens=60.0)
     scenes.striped_wall(DISTANCE, STRIPES, SIZE)
     scene = scenes.settings(96, 72, samples=24)
-    _pane("Near", (0.0, -0.1, 0.06), 0.5, radius=0.3)
+    _pane("Near", (0.0, -0.1, 0.06), 0.5, radius=0.08)
     _pane("Far", (0.03, 0.06, 0.06), -0.6, thickness=0.003)
     _block((0.02, -0.02, 0.05))
     _block((-0.01, 0.2, 0.07), size=0.04)
     found = scenes.picture(scene, tmp_path)
     real = render_reference(scene, samples=48)
-    assert psnr(to_srgb(found[..., :3]), to_srgb(real[..., :3])) > 28.0
+    assert psnr(to_srgb(found[..., :3]), to_srgb(real[..., :3])) > 32.0
 
 
 @pytest.mark.parametrize("shape", ["CYLINDER", "SPHERE", "ROD"])
