@@ -64,7 +64,9 @@ def border_pixels_of(
     rays = PathRays(glass, view, regions.paths, fresnel)
     cut = np.zeros_like(hit)
     cut[rows, columns] = rays.cut_off(columns + x0 + 0.5, rows + y0 + 0.5) > CUT_OFF
-    return widened(border | cut | (met & ~hit)), hit
+    cover = border | cut | (met & ~hit)
+    # The pixel filter reaches one and a half pixels far.
+    return cover | border_pixels(cover[None]), hit
 
 
 def border_zone(

@@ -331,15 +331,8 @@ class _Group:
     ) -> None:
         self.scene, self.layers, self.around = scene, layers, around
         self.true_shading, self.subdivision = true_shading, subdivision
-        self.tree = bpy.data.node_groups.new(
-            hidden_name("composite", scene.name), "CompositorNodeTree"
-        )
-        self.tree[TAG] = "composite"
-        interface = self.tree.interface
-        interface.new_socket("Image", in_out="INPUT", socket_type="NodeSocketColor")
-        interface.new_socket("Alpha", in_out="INPUT", socket_type="NodeSocketFloat")
-        interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-        start = self._node("NodeGroupInput")
+        self.direct_depth = None
+        self.tree, start = self._new_tree("Image", "Alpha")
         self.direct = start.outputs["Image"]
         colour, alpha = self.direct, start.outputs["Alpha"]
         if true_shading and not all(pane.rays for pane in panes):
@@ -351,9 +344,45 @@ class _Group:
             there = self._math("DIVIDE", 1.0, self._convolved(one, kernel))
             self.direct = self._scaled(self._convolved(self.direct, kernel), there)
         for _, bands in groupby(panes, key=lambda pane: (pane.glass, pane.borders)):
-            colour, alpha = self._through(list(bands), colour, alpha)
+            colour, alpha = self._apart(list(bands), colour, alpha)
         end = self._node("NodeGroupOutput")
         self._link(self._with_alpha(colour, alpha), end.inputs["Image"])
+
+    def _new_tree(self, *inputs: str):
+        """An own tree with these inputs (all but Alpha are pictures) and an output Image."""
+        tree = bpy.data.node_groups.new(
+            hidden_name("composite", self.scene.name), "CompositorNodeTree"
+        )
+        tree[TAG] = "composite"
+        for name in inputs:
+            kind = "NodeSocketFloat" if name == "Alpha" else "NodeSocketColor"
+            tree.interface.new_socket(name, in_out="INPUT", socket_type=kind)
+        tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        return tree, tree.nodes.new("NodeGroupInput")
+
+    def _apart(self, bands: list[Pane], colour, alpha):
+        """:meth:`_through` in a tree of its own.
+
+        With each link Blender looks through the whole tree: of eighteen glasses in one, building
+        it took longer than solving them.
+        """
+        outer, direct, depth = self.tree, self.direct, self.direct_depth
+        self.tree, start = self._new_tree("Image", "Alpha", "Direct", "Depth")
+        self.tree.interface.new_socket("Alpha", in_out="OUTPUT", socket_type="NodeSocketFloat")
+        self.direct, self.direct_depth = start.outputs["Direct"], start.outputs["Depth"]
+        results = self._through(bands, start.outputs["Image"], start.outputs["Alpha"])
+        end = self._node("NodeGroupOutput")
+        for result, name in zip(results, ("Image", "Alpha"), strict=True):
+            self._feed(result, end.inputs[name])
+        inner, self.tree = self.tree, outer
+        self.direct, self.direct_depth = direct, depth
+        node = self._node("CompositorNodeGroup")
+        node.node_tree = inner
+        given = {"Image": colour, "Alpha": alpha, "Direct": direct, "Depth": depth}
+        for name, value in given.items():
+            if value is not None:
+                self._link(value, node.inputs[name])
+        return node.outputs["Image"], node.outputs["Alpha"]
 
     def _through(self, bands: list[Pane], colour, alpha):
         """The picture with one more glass in it; ``bands``: it in light of each colour."""

@@ -45,6 +45,9 @@ NEAR = 2
 """
 MOST_LEFT_OUT = 8.0
 """Times ``min_weight`` that ways must have in the smallest cells to be followed."""
+FADE_PX = 0.5
+"""Largest size in pixels of cells in which a path ends that is shown alone: the light of it fades
+there, which must not reach beyond the pixels of which everything is shown."""
 SLOTS = {"GLASS": 6, "REFRACTION": 4}
 """Ways that a cell keeps; the light of weaker ones is shared out among these."""
 BEYOND = 2
@@ -449,7 +452,9 @@ def _split(rays: _Rays, pixels: np.ndarray, whole: bool) -> tuple[np.ndarray, np
         corners = low[:, None] + size * square
         # Within half a pixel nothing bends: only whether a way ends there is asked.
         middle = low + size // 2 if size > FINEST // 2 else low
-        numbers = rays.numbers(np.concatenate((corners, middle[:, None]), axis=1), size)
+        points = np.concatenate((corners, middle[:, None]), axis=1)
+        # Where copies bring the rest of the light, nothing may be missing from it.
+        numbers = rays.numbers(points, size if whole else largest)
         rough = np.zeros(len(low), bool)
         if size > 1:
             rough = _is_rough(rays, numbers, whole, size / FINEST)
@@ -498,7 +503,7 @@ def _is_rough(rays: _Rays, numbers: np.ndarray, whole: bool, size_px: float) -> 
     np.maximum.at(strongest, group, shown.weight)
     steady = (around == 4) & (centre >= 0)
     # A bare path may end within what the screen of everything covers, and fade there.
-    rough = ~steady & ((strongest * size_px > EDGE_PX) | (not whole and size_px > BEYOND))
+    rough = ~steady & ((strongest * size_px > EDGE_PX) | (not whole and size_px > FADE_PX))
     some = np.flatnonzero(~middle & steady[group])
     to = group[some]
 

@@ -29,7 +29,7 @@ SHAPES = {
     ),
     "rod": ({"shape": "ROD", "radius": 0.03}, (0.6, 0.3, 0)),
     "slab": ({"shape": "SLAB", "radius": 0.05, "wall_thickness": 0.02}, (1.2, 0, 0.5)),
-    "ball": ({"shape": "SPHERE", "radius": 0.045, "wall_thickness": 0.0}, (0, 0, 0)),
+    "diamond": ({"shape": "SPHERE", "radius": 0.045, "wall_thickness": 0.0, "ior": 2.4}, (0, 0, 0)),
 }
 
 
