@@ -53,7 +53,8 @@ def border_pixels_of(
     body, rect = as_body(glass), border_rect(glass, view)
     x0, y0, x1, y1 = rect
     if x0 >= x1 or y0 >= y1:
-        return np.zeros((0, 0), bool), np.zeros((0, 0), bool)
+        none = np.zeros((max(0, y1 - y0), max(0, x1 - x0)), bool)
+        return none, none
 
     def here(values: np.ndarray) -> np.ndarray:
         return regions.full(values, view.size)[..., y0:y1, x0:x1]

@@ -13,7 +13,7 @@ from glass_refraction.scene.borders import border_zone
 from glass_refraction.scene.glasses import as_body, read_glasses
 from glass_refraction.scene.layers import border_key, find_layers
 from glass_refraction.scene.modifier_inputs import write_input
-from glass_refraction.scene.update import counters, memory_of, prepare, update
+from glass_refraction.scene.update import counters, memory_of, prepare, status, update
 from glass_refraction.scene.viewpoint import read_viewpoint
 
 NAME = "Refractive Glass"
@@ -127,6 +127,21 @@ def test_what_a_rim_stands_on_is_seen_through_it(tmp_path):
         lifted.append(found[found > 0.5].size)
     # With air below, the rim mirrors the world.
     assert lifted[1] > lifted[0] + 20
+
+
+@pytest.mark.parametrize(
+    "place", [(5.0, 0.0, 0.0), (0.0, 0.0, -5.0), (0.0, -1.0, 0.0), (0.0, -0.4, 0.0)]
+)
+def test_glasses_out_of_the_picture_and_round_the_eye_have_no_borders(place):
+    scene, glass = _scene("upright tube", shading="TRUE")
+    scenes.striped_wall(0.25)
+    glass.location = place
+    bpy.context.view_layer.update()
+    prepare(scene, scenes.depsgraph())
+    update(scene, scenes.depsgraph(), exact=True)
+    _, screen = memory_of(scene).ray_screens[border_key(NAME)]
+    assert not screen.cover.any() and not len(screen.cells)
+    assert not status(scene).problems
 
 
 def test_without_rays_in_the_scene_nothing_is_added():
