@@ -807,6 +807,7 @@ STEPS = (
     *(world, single_user, apply_modifier, remove_modifier, purge, save_and_open),
     *(keep_as_library, append, make_local, off_and_on, update, render),
 )
+NAMING = {add_glass, mend, add_object, add_other, duplicate, rename, append, make_local}
 
 
 # ---------------------------------------------------------------------------------------- walks
@@ -860,6 +861,9 @@ def take_walk(seed, steps, folder, fresh, *, at_work, until=None, full=False, di
         start()
         for number in range(steps):
             step = walk.random.choice(STEPS)
+            if step in NAMING:
+                # What is deleted keeps its name up to the next preparation: users are not as fast.
+                walk.rest()
             step(walk)
             if step not in (undo, redo):
                 bpy.ops.ed.undo_push(message=step.__name__)
