@@ -16,7 +16,7 @@ them, in the smooth middle, those paths alone that have no copies: the mirrors.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,6 +109,11 @@ class RayScreen:
     directions: np.ndarray
     colours: np.ndarray
     paths: tuple[Path, ...]
+
+    def without_rays(self) -> RayScreen:
+        """What is left to know of it once the rays are written down."""
+        none = np.zeros((0, *self.origins.shape[1:]), np.float32)
+        return replace(self, origins=none, directions=none, colours=none)
 
 
 def build_ray_screens(

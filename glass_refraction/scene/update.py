@@ -402,7 +402,7 @@ def updating(
     depths = _screen_depths(scene, panes, view)
     for pane, glass in panes:
         if pane.rays:
-            # Of use to renders alone; 3D views show such glasses in their own way.
+            # Of use to renders alone; 3D views show cups and borders in their own way.
             if exact:
                 yield Step(done / max(1, len(copies)), f"Rays of {pane.key}")
                 screen = _update_rays(
@@ -580,6 +580,8 @@ def _update_rays(
         mesh = layers.screen(banded_key(pane.glass.name, pane.band), True)
         write_ray_screen(mesh, view, mirrors, depth)
     _write_curtain(scene, layers, view)
+    # The mesh has the rays now; kept here as well they would take hundreds of megabytes.
+    screen = screen.without_rays()
     memory.ray_screens[pane.key] = (stamp, screen)
     return screen
 
