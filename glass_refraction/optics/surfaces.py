@@ -75,20 +75,8 @@ class Cylinder:
         p2 = np.maximum(px * px + py * py, LEAST)
         ell = x * py - y * px
         square = p2 * self.radius**2 - ell * ell
-        root = np.sqrt(np.maximum(square, 0.0))
-        outward = x * px + y * py
         size = np.sqrt(x * x + y * y)
-        beyond = (size - self.radius) * (size + self.radius)
-        # The two roots' product is beyond / p²: neither is a difference of large numbers.
-        if back:
-            far = root + np.abs(outward)
-            way = np.where(outward > 0.0, -beyond / np.maximum(far, LEAST), far / p2)
-            ahead = square > 0.0
-        else:
-            way = beyond / np.maximum(root - outward, LEAST)
-            ahead = (square > 0.0) & (outward < 0.0)
-        ahead &= way >= -SKIN
-        return np.where(ahead, way, 0.0), ahead
+        return _meet_round(self.radius, size, x * px + y * py, p2, square, back)
 
     def within(self, x, y, z) -> Flags:
         """Which places on the cylinder lie between its ends."""
@@ -342,19 +330,8 @@ class Shell:
         outward = sum(q * p for q, p in zip(place, momentum, strict=True))
         turn = cross(place, momentum)
         square = p2 * self.radius**2 - sum(part * part for part in turn)
-        root = np.sqrt(np.maximum(square, 0.0))
         size = np.sqrt(sum(q * q for q in place))
-        beyond = (size - self.radius) * (size + self.radius)
-        # As for a cylinder, neither root is a difference of large numbers.
-        if back:
-            far = root + np.abs(outward)
-            way = np.where(outward > 0.0, -beyond / np.maximum(far, LEAST), far / p2)
-            ahead = square > 0.0
-        else:
-            way = beyond / np.maximum(root - outward, LEAST)
-            ahead = (square > 0.0) & (outward < 0.0)
-        ahead &= way >= -SKIN
-        return np.where(ahead, way, 0.0), ahead
+        return _meet_round(self.radius, size, outward, p2, square, back)
 
     def within(self, x, y, z) -> Flags:
         return np.ones(np.shape(x), dtype=bool)
@@ -373,6 +350,26 @@ class Shell:
         change = (after - before) * (1.0 / self.radius**2)
         turned = (p + change * q for q, p in zip(place, rays.momentum, strict=True))
         return Rays(place, tuple(turned)), possible
+
+
+def _meet_round(radius: float, size, outward, p2, square, back: bool) -> tuple[Floats, Flags]:
+    """`meet` of a circle or sphere, for rays at distances `size` from its middle.
+
+    `outward`: place · momentum, `p2`: momentum², `square`: of the momentum's part across the
+    surface where it is met, times the radius; below 0 where it is missed.
+    """
+    root = np.sqrt(np.maximum(square, 0.0))
+    beyond = (size - radius) * (size + radius)
+    # The two roots' product is beyond / p²: neither is a difference of large numbers.
+    if back:
+        far = root + np.abs(outward)
+        way = np.where(outward > 0.0, -beyond / np.maximum(far, LEAST), far / p2)
+        ahead = square > 0.0
+    else:
+        way = beyond / np.maximum(root - outward, LEAST)
+        ahead = (square > 0.0) & (outward < 0.0)
+    ahead &= way >= -SKIN
+    return np.where(ahead, way, 0.0), ahead
 
 
 def cross(a: tuple, b: tuple) -> tuple:
