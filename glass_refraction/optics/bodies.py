@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .axial import AxialGlass, BoundedGlass, Interface
 from .glasses import CylinderGlass, FlatGlass, Glass, SphereGlass
-from .surfaces import Cylinder, Lid, Plane, Shell, Side, in_polygon
+from .surfaces import Cylinder, Lid, Plane, Shell, Side, anticlockwise, in_polygon
 
 
 def body(glass: Glass | BoundedGlass) -> BoundedGlass | None:
@@ -77,10 +77,7 @@ class Prism(BoundedGlass):
     @cached_property
     def _outline(self) -> tuple[tuple[float, float], ...]:
         """Anticlockwise, in units of `scale`."""
-        corners = np.asarray(self.glass.outline) / self.scale
-        x, y = corners.T
-        if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0.0:
-            corners = corners[::-1]
+        corners = anticlockwise(np.asarray(self.glass.outline) / self.scale)
         return tuple((float(x), float(y)) for x, y in corners)
 
     @cached_property

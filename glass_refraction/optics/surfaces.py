@@ -381,6 +381,13 @@ def cross(a: tuple, b: tuple) -> tuple:
     )
 
 
+def anticlockwise(outline: Floats) -> Floats:
+    """The polygon (K, 2) in anticlockwise order."""
+    x, y = outline.T
+    signed_area = 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
+    return outline if signed_area > 0 else outline[::-1]
+
+
 def in_polygon(outline, x, y) -> Flags:
     """Which places lie in a polygon (K, 2), by how often a line towards +x crosses its sides."""
     inside = np.zeros(np.shape(x), dtype=bool)

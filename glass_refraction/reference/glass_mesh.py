@@ -16,7 +16,7 @@ import numpy as np
 
 from ..optics import CylinderGlass, FlatGlass, SphereGlass
 from ..optics.axial import AxialGlass
-from ..optics.surfaces import Cylinder, Plane
+from ..optics.surfaces import Cylinder, Plane, anticlockwise
 
 # Facets round a full circle. A chord misses its arc by r * (pi / segments)**2 / 2: 1.2e-6 r for the
 # cylinder, 1.9e-5 r for the sphere, whose number of faces grows with the square.
@@ -115,7 +115,7 @@ def _flat(glass: FlatGlass, reach: float) -> tuple[Surface, ...]:
     if glass.outline is None:
         outline = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * float(reach)
     else:
-        outline = _anticlockwise(np.asarray(glass.outline, float))
+        outline = anticlockwise(np.asarray(glass.outline, float))
     heights = glass.heights
     surfaces = []
     for i, height in enumerate(heights):
@@ -236,13 +236,6 @@ def _lathed(
         ior_outside=iors[media[0]],
         media=media,
     )
-
-
-def _anticlockwise(outline: np.ndarray) -> np.ndarray:
-    """The polygon (K, 2) in anticlockwise order."""
-    x, y = outline.T
-    signed_area = 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
-    return outline if signed_area > 0 else outline[::-1]
 
 
 def _polygon(
