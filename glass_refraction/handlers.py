@@ -17,10 +17,11 @@ import threading
 import bpy
 from bpy.app.handlers import persistent
 
-from .scene import changes, motion_blur
+from .scene import changes
 from .scene import update as door
-from .scene.layers import user_scene_of
+from .scene.build.layers import user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
+from .scene.vertices import motion_blur
 
 REST_SECONDS = 0.3
 """Changes come in bursts (a dragged object, a slider): wait for the last one."""

@@ -11,12 +11,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..scene.glasses import read_glasses
 from ..scene.names import RefractiveGlassError
-from ..scene.path_keys import path_of
-from ..scene.regions import left_out_pixels, region_masks
+from ..scene.read.glasses import read_glasses
+from ..scene.read.viewpoint import border_window, read_viewpoint
 from ..scene.update import effective_shading, status
-from ..scene.viewpoint import border_window, read_viewpoint
+from ..scene.vertices.path_keys import path_of
+from ..scene.vertices.regions import left_out_pixels, region_masks
 from .cycles import render_reference, samples_setting, scene_depsgraph
 from .metrics import to_srgb
 from .picture import render_picture

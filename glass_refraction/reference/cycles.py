@@ -11,9 +11,9 @@ import numpy as np
 from mathutils import Matrix
 
 from .. import optics
-from ..scene.glasses import Glass, read_glasses
+from ..scene.build.shaders import math_node
 from ..scene.names import TAG, RefractiveGlassError, own
-from ..scene.shaders import math_node
+from ..scene.read.glasses import Glass, read_glasses
 from .glass_mesh import Surface, glass_surfaces
 from .picture import render_picture
 

@@ -14,12 +14,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..optics.axial import BoundedGlass
-from .glasses import Glass, as_body
-from .path_keys import Path
 from .ray_screen import Zone, met_pixels, path_kind, widened
-from .regions import PathRays, Regions, border_pixels, covered_rect
-from .things import body_corners
-from .viewpoint import Viewpoint
+from .read.glasses import Glass, as_body
+from .read.things import body_corners
+from .read.viewpoint import Viewpoint
+from .vertices.path_keys import Path
+from .vertices.regions import PathRays, Regions, border_pixels, covered_rect
 
 SEEN = 0.03
 """Part of the light from which on a path's border is shown so: weaker ones are not noticed."""

@@ -16,13 +16,13 @@ import bpy
 import numpy as np
 
 from .. import optics
-from .arrays import positions, write_attribute, write_polygons
-from .glasses import NAMED_SHAPES, glass_modifier, glass_objects
-from .modifier_inputs import read_input
 from .names import TAG, hidden_name, own
 from .ray_screen import RayScreen
+from .read.arrays import positions, write_attribute, write_polygons
+from .read.glasses import NAMED_SHAPES, glass_modifier, glass_objects
+from .read.modifier_inputs import read_input
+from .read.viewpoint import Viewpoint
 from .screen import Screen
-from .viewpoint import Viewpoint
 
 WORLD_SAMPLES = 8
 """Of a world alone: it has no noise, only edges."""

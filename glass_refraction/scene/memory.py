@@ -10,11 +10,11 @@ import bpy
 import numpy as np
 
 from .. import optics
-from .appearance import Appearance, Source
 from .ray_screen import RayScreen
-from .regions import Regions
-from .sources import Snapshot
-from .tessellation import Probe
+from .read.sources import Snapshot
+from .vertices.appearance import Appearance, Source
+from .vertices.regions import Regions
+from .vertices.tessellation import Probe
 
 counters: Counter[str] = Counter()
 """Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``,

@@ -21,12 +21,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import optics
-from .chains import met_next
-from .glasses import Glass, as_body
-from .obstacles import Obstacle
-from .path_keys import Path
-from .regions import ENOUGH, border_pixels
-from .viewpoint import Viewpoint
+from .read.glasses import Glass, as_body
+from .read.obstacles import Obstacle
+from .read.viewpoint import Viewpoint
+from .vertices.chains import met_next
+from .vertices.path_keys import Path
+from .vertices.regions import ENOUGH, border_pixels
 
 FINEST = 8
 """Cells a side of a pixel where a strong way ends."""

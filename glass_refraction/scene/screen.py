@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .chains import exits
-from .glasses import Glass
-from .path_keys import Path
-from .regions import PathRays, Regions, border_pixels, may_lack_light
-from .viewpoint import Viewpoint
+from .read.glasses import Glass
+from .read.viewpoint import Viewpoint
+from .vertices.chains import exits
+from .vertices.path_keys import Path
+from .vertices.regions import PathRays, Regions, border_pixels, may_lack_light
 
 FINEST = 4
 """Cells a side of a pixel where a path's region ends."""

@@ -22,12 +22,9 @@ import numpy as np
 
 from .. import optics
 from ..optics.axial import AxialGlass
-from .appearance import Appearance, Search, Solver, Source
-from .bake_playback import bake_problems, is_held
+from .bake.playback import bake_problems, is_held
 from .borders import border_pixels_of, border_rect, border_zone, has_borders
-from .chains import path_stamp
-from .changes import generation
-from .compositing import (
+from .build.compositing import (
     can_insert,
     has_group,
     insert_group,
@@ -37,27 +34,7 @@ from .compositing import (
     write_kernels,
     write_weights,
 )
-from .copies import write_copy, write_true_mesh
-from .environment import (
-    is_uniform,
-    shows_objects,
-    surroundings,
-    write_curtain,
-    write_ray_screen,
-    write_screen,
-)
-from .glasses import (
-    Glass,
-    as_body,
-    banded_key,
-    glass_modifier,
-    glass_objects,
-    read_glass,
-    read_glasses,
-    unbounded,
-)
-from .hull import faces_eye, first_face
-from .layers import (
+from .build.layers import (
     Layers,
     Pane,
     build_layers,
@@ -68,17 +45,31 @@ from .layers import (
     remove_leftovers,
     source_of,
 )
+from .build.texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
+from .changes import generation
+from .environment import (
+    is_uniform,
+    shows_objects,
+    surroundings,
+    write_curtain,
+    write_ray_screen,
+    write_screen,
+)
 from .memory import Memory, Status, Step, counters, forget, memory_of, status
-from .modifier_inputs import write_input
-from .motion_blur import frame_time, keep_moment
 from .names import RefractiveGlassError
-from .neighbours import among, chained_paths, glass_box
-from .panes import kept_paths, open_paths, standing_panes, thin_paths
-from .path_keys import Path, path_key
 from .ray_screen import SLOTS, RayScreen, Zone, build_ray_screens, met_pixels, widened
-from .regions import Regions, path_regions, picture_rect
-from .screen import FINEST, build_screen
-from .sources import (
+from .read.glasses import (
+    Glass,
+    as_body,
+    banded_key,
+    glass_modifier,
+    glass_objects,
+    read_glass,
+    read_glasses,
+    unbounded,
+)
+from .read.modifier_inputs import write_input
+from .read.sources import (
     Snapshot,
     is_carried,
     pieces,
@@ -86,10 +77,19 @@ from .sources import (
     seen_through,
     source_objects,
 )
-from .tessellation import Probe, region_probe
-from .texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
-from .things import body_corners, may_hide, obstacle_of, within
-from .viewpoint import Viewpoint, read_viewpoint
+from .read.things import body_corners, may_hide, obstacle_of, within
+from .read.viewpoint import Viewpoint, read_viewpoint
+from .screen import FINEST, build_screen
+from .vertices.appearance import Appearance, Search, Solver, Source
+from .vertices.chains import path_stamp
+from .vertices.copies import write_copy, write_true_mesh
+from .vertices.hull import faces_eye, first_face
+from .vertices.motion_blur import frame_time, keep_moment
+from .vertices.neighbours import among, chained_paths, glass_box
+from .vertices.panes import kept_paths, open_paths, standing_panes, thin_paths
+from .vertices.path_keys import Path, path_key
+from .vertices.regions import Regions, path_regions, picture_rect
+from .vertices.tessellation import Probe, region_probe
 
 __all__ = [
     "Status",

@@ -12,12 +12,12 @@ from bpy.app.translations import pgettext_rpt as _rpt
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ..scene import update as door
-from ..scene.arrays import positions
-from ..scene.glasses import glass_modifier
-from ..scene.materials import glass_material
-from ..scene.modifier_inputs import write_input
+from ..scene.build.materials import glass_material
 from ..scene.names import MODIFIER, RefractiveGlassError, load_group, own
-from ..scene.profile_curves import wine_profile
+from ..scene.read.arrays import positions
+from ..scene.read.glasses import glass_modifier
+from ..scene.read.modifier_inputs import write_input
+from ..scene.read.profile_curves import wine_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 
 SHAPES = (

@@ -10,9 +10,9 @@ import bpy
 from bpy.app.translations import pgettext_iface as _iface
 
 from ..scene import update as door
-from ..scene.glasses import glass_modifier
-from ..scene.modifier_inputs import read_input, value_place
 from ..scene.names import own
+from ..scene.read.glasses import glass_modifier
+from ..scene.read.modifier_inputs import read_input, value_place
 from . import bake
 from .lines import draw_lines
 from .menus import VIEW3D_MT_refractive_glass_add

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene.viewpoint import Viewpoint
+from ..scene.read.viewpoint import Viewpoint
 
 
 def view_eye(size: tuple[int, int], view_matrix, window_matrix, is_perspective: bool) -> Viewpoint:

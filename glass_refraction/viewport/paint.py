@@ -12,7 +12,7 @@ from __future__ import annotations
 import gpu
 import numpy as np
 
-from ..scene.viewpoint import Viewpoint
+from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .eye import depth_line
 from .picture import Pane, Picture, affine4, drawn, rect_matrix, weight_planes

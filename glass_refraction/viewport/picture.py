@@ -18,18 +18,18 @@ import numpy as np
 
 from .. import optics
 from ..optics.axial import AxialGlass
-from ..scene.appearance import Appearance, Search, Solver, Source
 from ..scene.changes import generation
-from ..scene.copies import seen_vertices, used_slots
-from ..scene.glasses import Glass, glass_objects, read_glass
-from ..scene.hull import faces_eye, first_face
 from ..scene.names import RefractiveGlassError
-from ..scene.path_keys import path_key
-from ..scene.regions import Regions, path_regions, picture_rect
-from ..scene.sources import pieces, seen_through, source_objects
-from ..scene.tessellation import Probe, Triangles, region_probe, view_pixels
+from ..scene.read.glasses import Glass, glass_objects, read_glass
+from ..scene.read.sources import pieces, seen_through, source_objects
+from ..scene.read.viewpoint import Viewpoint
 from ..scene.update import MAX_TOLERANCE_PX, kept_paths
-from ..scene.viewpoint import Viewpoint
+from ..scene.vertices.appearance import Appearance, Search, Solver, Source
+from ..scene.vertices.copies import seen_vertices, used_slots
+from ..scene.vertices.hull import faces_eye, first_face
+from ..scene.vertices.path_keys import path_key
+from ..scene.vertices.regions import Regions, path_regions, picture_rect
+from ..scene.vertices.tessellation import Probe, Triangles, region_probe, view_pixels
 
 COARSE_STEP = 4
 """Pixels a side for each ray of the regions while the eye moves."""

@@ -16,8 +16,8 @@ from collections.abc import Iterator
 import bpy
 from bpy.app.handlers import persistent
 
-from ..scene.glasses import glass_modifier
-from ..scene.modifier_inputs import has_input, read_input, write_input
+from ..scene.read.glasses import glass_modifier
+from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
 from .picture import Picture
 

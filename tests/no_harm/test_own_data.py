@@ -11,12 +11,12 @@ import pytest
 
 import glass_refraction
 from glass_refraction import handlers
-from glass_refraction.scene import layers as own_layers
 from glass_refraction.scene import update as door
-from glass_refraction.scene.glasses import glass_modifier
-from glass_refraction.scene.layers import find_layers, user_scene_of
-from glass_refraction.scene.modifier_inputs import read_input
+from glass_refraction.scene.build import layers as own_layers
+from glass_refraction.scene.build.layers import find_layers, user_scene_of
 from glass_refraction.scene.names import NODE_GROUPS, TAG, RefractiveGlassError, own
+from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import read_input
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
 import scenes

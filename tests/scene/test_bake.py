@@ -11,9 +11,9 @@ import pytest
 import scenes
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.bake import Baking
-from glass_refraction.scene.bake_playback import baked, is_held
-from glass_refraction.scene.layers import find_layers
+from glass_refraction.scene.bake.baking import Baking
+from glass_refraction.scene.bake.playback import baked, is_held
+from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.names import RefractiveGlassError, own
 
 # What a render farm does: no extension, the file, a part of the range.
@@ -560,7 +560,7 @@ def test_a_failure_leaves_no_scene_in_the_middle_of_a_bake(tmp_path, monkeypatch
         raise ArithmeticError("for the test")
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"glass_refraction.scene.bake.{place}", fail)
+        patch.setattr(f"glass_refraction.scene.bake.baking.{place}", fail)
         with pytest.raises(RuntimeError, match="for the test"):
             _bake()
     assert not is_held(scene)

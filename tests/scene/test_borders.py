@@ -10,11 +10,11 @@ from glass_refraction import optics
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.reference.metrics import psnr, to_srgb
 from glass_refraction.scene.borders import border_zone
-from glass_refraction.scene.glasses import as_body, read_glasses
-from glass_refraction.scene.layers import border_key, find_layers
-from glass_refraction.scene.modifier_inputs import write_input
+from glass_refraction.scene.build.layers import border_key, find_layers
+from glass_refraction.scene.read.glasses import as_body, read_glasses
+from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.update import counters, memory_of, prepare, status, update
-from glass_refraction.scene.viewpoint import read_viewpoint
 
 NAME = "Refractive Glass"
 SHAPES = {

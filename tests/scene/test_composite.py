@@ -7,10 +7,10 @@ import pytest
 import scenes
 
 from glass_refraction import optics
-from glass_refraction.scene.glasses import glass_modifier, read_glasses
-from glass_refraction.scene.modifier_inputs import write_input
-from glass_refraction.scene.regions import region_masks
-from glass_refraction.scene.viewpoint import read_viewpoint
+from glass_refraction.scene.read.glasses import glass_modifier, read_glasses
+from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.viewpoint import read_viewpoint
+from glass_refraction.scene.vertices.regions import region_masks
 
 DISTANCE, STRIPES, SIZE = 0.3, 24, 1.0
 

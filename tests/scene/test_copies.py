@@ -7,9 +7,9 @@ import pytest
 import scenes
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.arrays import corner_normals
-from glass_refraction.scene.layers import find_layers
-from glass_refraction.scene.modifier_inputs import read_input
+from glass_refraction.scene.build.layers import find_layers
+from glass_refraction.scene.read.arrays import corner_normals
+from glass_refraction.scene.read.modifier_inputs import read_input
 
 
 def _ball(shading):

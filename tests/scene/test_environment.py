@@ -8,14 +8,19 @@ import scenes
 
 from glass_refraction import optics
 from glass_refraction.scene import update as door
+from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.environment import is_uniform, surroundings
-from glass_refraction.scene.glasses import glass_modifier, read_glasses, unbounded
-from glass_refraction.scene.layers import find_layers
-from glass_refraction.scene.modifier_inputs import write_input
 from glass_refraction.scene.names import own
-from glass_refraction.scene.regions import PathRays, path_regions, picture_rect, region_masks
+from glass_refraction.scene.read.glasses import glass_modifier, read_glasses, unbounded
+from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.screen import TOLERANCE_PX, build_screen
-from glass_refraction.scene.viewpoint import read_viewpoint
+from glass_refraction.scene.vertices.regions import (
+    PathRays,
+    path_regions,
+    picture_rect,
+    region_masks,
+)
 
 WHITE = (1.0, 1.0, 1.0, 1.0)
 

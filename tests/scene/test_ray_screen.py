@@ -8,10 +8,7 @@ import scenes
 
 from glass_refraction import optics
 from glass_refraction.reference.cycles import render_reference
-from glass_refraction.scene.glasses import glass_modifier, read_glasses
-from glass_refraction.scene.layers import find_layers
-from glass_refraction.scene.modifier_inputs import write_input
-from glass_refraction.scene.obstacles import Obstacle
+from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.ray_screen import (
     SLOTS,
     TOLERANCE_PX,
@@ -20,10 +17,13 @@ from glass_refraction.scene.ray_screen import (
     met_pixels,
     widened,
 )
-from glass_refraction.scene.regions import picture_rect
-from glass_refraction.scene.things import may_hide, obstacle_of, within
+from glass_refraction.scene.read.glasses import glass_modifier, read_glasses
+from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.obstacles import Obstacle
+from glass_refraction.scene.read.things import may_hide, obstacle_of, within
+from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.update import counters, memory_of, prepare, status, update
-from glass_refraction.scene.viewpoint import read_viewpoint
+from glass_refraction.scene.vertices.regions import picture_rect
 
 DEPTH = 0.0116
 

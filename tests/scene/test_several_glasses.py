@@ -10,14 +10,14 @@ from glass_refraction import optics
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.reference.metrics import psnr, to_srgb
 from glass_refraction.scene import update as door
-from glass_refraction.scene.chains import exits, pair
-from glass_refraction.scene.glasses import read_glasses
-from glass_refraction.scene.layers import border_key, find_layers
+from glass_refraction.scene.build.layers import border_key, find_layers
 from glass_refraction.scene.memory import memory_of, status
-from glass_refraction.scene.neighbours import among
-from glass_refraction.scene.panes import standing_panes
-from glass_refraction.scene.path_keys import path_key, path_of
-from glass_refraction.scene.viewpoint import read_viewpoint
+from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.viewpoint import read_viewpoint
+from glass_refraction.scene.vertices.chains import exits, pair
+from glass_refraction.scene.vertices.neighbours import among
+from glass_refraction.scene.vertices.panes import standing_panes
+from glass_refraction.scene.vertices.path_keys import path_key, path_of
 
 DISTANCE, STRIPES, SIZE = 0.3, 24, 1.0
 THROUGH = optics.ChainedPath(optics.LightPath("TT"), optics.LightPath("TT"), "Far")

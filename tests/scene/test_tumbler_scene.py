@@ -10,15 +10,15 @@ from mathutils.bvhtree import BVHTree
 
 from glass_refraction import optics
 from glass_refraction.reference.cycles import render_reference
-from glass_refraction.scene.glasses import glass_modifier, read_glasses
-from glass_refraction.scene.hull import faces_eye, first_face
-from glass_refraction.scene.modifier_inputs import write_input
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.panes import kept_paths, open_paths
-from glass_refraction.scene.path_keys import path_key, path_of, short_key
-from glass_refraction.scene.regions import left_out_pixels, path_regions
+from glass_refraction.scene.read.glasses import glass_modifier, read_glasses
+from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.update import find_layers, memory_of, prepare, source_of, update
-from glass_refraction.scene.viewpoint import read_viewpoint
+from glass_refraction.scene.vertices.hull import faces_eye, first_face
+from glass_refraction.scene.vertices.panes import kept_paths, open_paths
+from glass_refraction.scene.vertices.path_keys import path_key, path_of, short_key
+from glass_refraction.scene.vertices.regions import left_out_pixels, path_regions
 
 
 def _glass_and_view(scene):

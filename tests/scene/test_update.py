@@ -7,7 +7,7 @@ import pytest
 import scenes
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.layers import ROLES, find_layers
+from glass_refraction.scene.build.layers import ROLES, find_layers
 from glass_refraction.scene.names import RefractiveGlassError, own
 
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from ... import optics
 from ...scene import update as door
-from ...scene.arrays import positions
-from ...scene.glasses import read_glasses, unbounded
-from ...scene.layers import Layers, find_layers
-from ...scene.regions import path_regions
-from ...scene.viewpoint import read_viewpoint
+from ...scene.build.layers import Layers, find_layers
+from ...scene.read.arrays import positions
+from ...scene.read.glasses import read_glasses, unbounded
+from ...scene.read.viewpoint import read_viewpoint
+from ...scene.vertices.regions import path_regions
 from . import newton
 from .cases import BEHIND_HOLLOW, HOLLOW
 from .forward import angles_px

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ...scene import update as door
-from ...scene.regions import region_masks
+from ...scene.vertices.regions import region_masks
 from ..cycles import render_reference, samples_setting, scene_depsgraph
 from ..metrics import flip, masked_mean, to_srgb
 from ..picture import render_picture

@@ -24,26 +24,26 @@ from dataclasses import dataclass
 
 import bpy
 
-from .. import optics
-from .bake_files import BAKE
-from .environment import (
+from ... import optics
+from ..bake.files import BAKE
+from ..environment import (
     WORLD_SAMPLES,
     needs_copies,
     ray_material,
     shows_objects,
     surroundings,
 )
-from .glasses import banded_key, casts_shadow, glass_modifier
-from .memory import counters
-from .modifier_inputs import read_input, write_input
-from .names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
-from .path_keys import Path, path_key, path_of, short_key
-from .ray_screen import SLOTS
-from .regions import FILTER_WIDTH
+from ..memory import counters
+from ..names import COPY_GROUP, OCCLUDER_GROUP, TAG, hidden_name, load_group, own
+from ..ray_screen import SLOTS
+from ..read.glasses import banded_key, casts_shadow, glass_modifier
+from ..read.modifier_inputs import read_input, write_input
+from ..read.sources import is_carried
+from ..read.viewpoint import render_size
+from ..read.visibility import rendered_objects
+from ..vertices.path_keys import Path, path_key, path_of, short_key
+from ..vertices.regions import FILTER_WIDTH
 from .shaders import curtain_material, depth_material, lookup_material, mask_material
-from .sources import is_carried
-from .viewpoint import render_size
-from .visibility import rendered_objects
 
 FALLBACK_SHARE = 8
 """What stands in where copies fail takes this part of the scene's samples."""

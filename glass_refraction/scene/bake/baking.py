@@ -15,8 +15,11 @@ from pathlib import Path
 
 import bpy
 
-from . import update as door
-from .bake_files import (
+from .. import update as door
+from ..build.layers import Layers, find_layers
+from ..names import RefractiveGlassError
+from ..read.viewpoint import render_size
+from .files import (
     Contents,
     GeometryWriter,
     ImageWriter,
@@ -25,7 +28,7 @@ from .bake_files import (
     read_contents,
     remove,
 )
-from .bake_playback import (
+from .playback import (
     attach,
     bakeable_images,
     bakeable_objects,
@@ -36,9 +39,6 @@ from .bake_playback import (
     layer_samples,
     under_way,
 )
-from .layers import Layers, find_layers
-from .names import RefractiveGlassError
-from .viewpoint import render_size
 
 Receiver = Callable[[bpy.types.Depsgraph, Callable], None]
 """Takes an evaluated depsgraph, and a function that evaluates it at another (frame, sub-frame)."""

@@ -6,14 +6,14 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..build.texture_coordinates import write_coordinates
+from ..read.arrays import write_attribute
+from ..read.mesh_arrays import SourceMesh, read_source_mesh, write_mesh
+from ..read.modifier_inputs import write_input
+from ..read.sources import Piece
+from ..read.viewpoint import Viewpoint
 from .appearance import Appearance, Source
-from .arrays import write_attribute
-from .mesh_arrays import SourceMesh, read_source_mesh, write_mesh
-from .modifier_inputs import write_input
-from .sources import Piece
 from .tessellation import Images, Triangles, view_pixels
-from .texture_coordinates import write_coordinates
-from .viewpoint import Viewpoint
 
 MAX_REACH_PX = 8.0
 """How far a face may reach beyond its vertices that have an image."""

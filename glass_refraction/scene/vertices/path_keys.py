@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import zlib
 
-from .. import optics
+from ... import optics
 
 Path = optics.LightPath | optics.ChainedPath
 """Of one glass, or of it and another behind it."""

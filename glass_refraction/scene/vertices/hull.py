@@ -8,11 +8,11 @@ from functools import lru_cache
 import numpy as np
 from mathutils.geometry import tessellate_polygon
 
-from .. import optics
-from ..optics.axial import AxialGlass
-from ..optics.tumbler import GLASS
-from .glasses import Glass
-from .names import RefractiveGlassError
+from ... import optics
+from ...optics.axial import AxialGlass
+from ...optics.tumbler import GLASS
+from ..names import RefractiveGlassError
+from ..read.glasses import Glass
 
 SECTION = 0.02
 """Longest piece of a curved section, in units of the glass's size."""

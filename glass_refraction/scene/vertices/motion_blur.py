@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import bpy
 
+from ..build.layers import Layers, find_layers, source_of
+from ..memory import Memory, counters, memory_of
+from ..read.sources import is_carried, pieces
+from ..read.viewpoint import Viewpoint
 from .appearance import Solver, Source, moment_of
 from .copies import write_moment
-from .layers import Layers, find_layers, source_of
-from .memory import Memory, counters, memory_of
 from .panes import standing_panes
 from .path_keys import path_key
-from .sources import is_carried, pieces
-from .viewpoint import Viewpoint
 
 
 def begin_frame(scene: bpy.types.Scene) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from .names import TAG
+from ..names import TAG
 
 
 def glass_material(ior: float) -> bpy.types.Material:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
+from ..vertices.tessellation import Triangles
 from .arrays import corner_normals, read_attribute, write_attribute
 from .sources import Piece, world_positions
-from .tessellation import Triangles
 
 # Attributes that Blender makes from the mesh itself or that belong to other domains.
 _LEFT_OUT = {"position", "custom_normal", "sharp_edge", ".edge_verts"}

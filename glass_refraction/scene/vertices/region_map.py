@@ -8,8 +8,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .arrays import write_image
-from .names import hidden_name
+from ..names import hidden_name
+from ..read.arrays import write_image
 from .regions import crossing_counts
 
 # A colour-blind-safe scale (Okabe and Ito): none, 1, 2, 3, 4, more.

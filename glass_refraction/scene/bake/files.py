@@ -29,7 +29,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .names import RefractiveGlassError, hidden_name
+from ..names import RefractiveGlassError, hidden_name
 
 BAKE = "refractive_glass_bake"
 """Custom property of a baked scene's composite group, and on own scenes the pointer to it."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..optics.axial import TOUCHING
+from ...optics.axial import TOUCHING
 from .glasses import Glass
 from .mesh_arrays import read_triangles
 from .obstacles import Obstacle

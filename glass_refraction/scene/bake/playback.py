@@ -14,7 +14,12 @@ from pathlib import Path
 
 import bpy
 
-from .bake_files import (
+from ..build.compositing import group_node
+from ..build.layers import ROLES, Layers
+from ..names import TAG, load_group, own
+from ..read.modifier_inputs import read_input
+from ..read.viewpoint import render_size
+from .files import (
     BAKE,
     CONTENTS,
     GEOMETRY,
@@ -24,11 +29,6 @@ from .bake_files import (
     frame_ranges,
     image_file,
 )
-from .compositing import group_node
-from .layers import ROLES, Layers
-from .modifier_inputs import read_input
-from .names import TAG, load_group, own
-from .viewpoint import render_size
 
 BAKED_GROUP = "Refractive Glass Baked"
 KERNEL = "kernel"

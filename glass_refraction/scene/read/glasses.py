@@ -10,10 +10,10 @@ from functools import lru_cache
 import bpy
 import numpy as np
 
-from .. import optics
-from ..optics.axial import AxialGlass
+from ... import optics
+from ...optics.axial import AxialGlass
+from ..names import RefractiveGlassError, own
 from .modifier_inputs import has_input, read_input
-from .names import RefractiveGlassError, own
 from .obstacles import Obstacle
 from .visibility import rendered_objects
 

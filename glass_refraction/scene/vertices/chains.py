@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import optics
-from .glasses import Glass, unbounded
+from ... import optics
+from ..read.glasses import Glass, unbounded
 
 _SKIN = 1e-4
 """Of its height: how far above its lower end a glass's rays are let out at the lowest."""

@@ -19,9 +19,9 @@ from functools import cache
 import bpy
 import numpy as np
 
-from .arrays import positions, write_attribute
-from .names import TAG, hidden_name, own
-from .sources import Piece, is_carried, pieces, world_positions
+from ..names import TAG, hidden_name, own
+from ..read.arrays import positions, write_attribute
+from ..read.sources import Piece, is_carried, pieces, world_positions
 
 GENERATED, OBJECT, POSITION = "rg_generated", "rg_object", "rg_position"
 COORDINATES = frozenset({GENERATED, OBJECT, POSITION})

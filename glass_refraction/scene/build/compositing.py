@@ -13,15 +13,15 @@ from itertools import groupby
 import bpy
 import numpy as np
 
-from .. import optics
-from .arrays import write_image
-from .bake_files import BAKE
-from .glasses import Glass
+from ... import optics
+from ..bake.files import BAKE
+from ..names import TAG, hidden_name, own
+from ..ray_screen import RayScreen
+from ..read.arrays import write_image
+from ..read.glasses import Glass
+from ..read.viewpoint import Viewpoint
+from ..vertices.regions import Regions, tints
 from .layers import DEPTH_LAYER, Layers, Pane
-from .names import TAG, hidden_name, own
-from .ray_screen import RayScreen
-from .regions import Regions, tints
-from .viewpoint import Viewpoint
 
 DEPTH_TOLERANCE = 0.004
 """Relative difference of depth above which a place counts as hidden in the direct picture."""

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ..names import own
 from .arrays import affine, positions
 from .glasses import Glass, glass_modifier
 from .modifier_inputs import read_input
-from .names import own
 from .visibility import rendered_objects
 
 # Object Info hands these on as meshes; the others are converted to meshes first.

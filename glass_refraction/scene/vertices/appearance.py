@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import optics
-from .arrays import affine
+from ... import optics
+from ..read.arrays import affine
+from ..read.glasses import Glass, unbounded
+from ..read.mesh_arrays import SourceMesh, read_source_mesh, read_triangles
+from ..read.sources import Piece, Snapshot
+from ..read.viewpoint import Viewpoint
 from .chains import other_glass, pair
-from .glasses import Glass, unbounded
-from .mesh_arrays import SourceMesh, read_source_mesh, read_triangles
 from .path_keys import Path
-from .sources import Piece, Snapshot
 from .tessellation import (
     ACROSS_PX,
     WATERLINE_PX,
@@ -32,7 +33,6 @@ from .tessellation import (
     refine,
     view_pixels,
 )
-from .viewpoint import Viewpoint
 
 FAINT = 0.5
 """Paths with less of the light than this show an object only where a probe's ray comes near it."""

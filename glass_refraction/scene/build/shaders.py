@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from .names import TAG, hidden_name
+from ..names import TAG, hidden_name
 
 
 def lookup_material() -> bpy.types.Material:

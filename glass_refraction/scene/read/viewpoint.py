@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .. import optics
+from ... import optics
+from ..names import RefractiveGlassError
 from .arrays import affine
 from .glasses import Glass
-from .names import RefractiveGlassError
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from .. import optics
-from ..optics.axial import AxialGlass
-from ..optics.tumbler import GLASS
-from .glasses import Glass, glass_objects, read_glass
+from ... import optics
+from ...optics.axial import AxialGlass
+from ...optics.tumbler import GLASS
+from ..build.layers import Layers, Pane, border_key
+from ..memory import counters, memory_of
+from ..names import RefractiveGlassError
+from ..read.glasses import Glass, glass_objects, read_glass
+from ..read.sources import seen_through, source_objects
+from ..read.viewpoint import Viewpoint
 from .hull import first_face
-from .layers import Layers, Pane, border_key
-from .memory import counters, memory_of
-from .names import RefractiveGlassError
 from .neighbours import among, with_chains
 from .path_keys import path_of
 from .regions import coarse_weights
-from .sources import seen_through, source_objects
-from .viewpoint import Viewpoint
 
 BARE = 0.08
 """A path counts that carries this part of ``min_weight``, where rays show it and no copies."""

@@ -17,9 +17,9 @@ import numpy as np
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
-from .. import optics
+from ... import optics
+from ..read.viewpoint import Viewpoint
 from .chains import exits
-from .viewpoint import Viewpoint
 
 MAX_VERTICES = 100_000
 """Refinement stops here; the bound that is reported then tells what was reached."""

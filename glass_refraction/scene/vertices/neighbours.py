@@ -10,13 +10,13 @@ from itertools import product
 import bpy
 import numpy as np
 
-from .. import optics
-from ..optics.axial import AxialGlass
-from .glasses import Glass
-from .memory import counters, memory_of
+from ... import optics
+from ...optics.axial import AxialGlass
+from ..memory import counters, memory_of
+from ..read.glasses import Glass
+from ..read.things import obstacle_of
+from ..read.viewpoint import Viewpoint
 from .regions import coarse_weights
-from .things import obstacle_of
-from .viewpoint import Viewpoint
 
 MOST_CHAINED = 12
 """Paths through two glasses, of one nearer glass, at most."""

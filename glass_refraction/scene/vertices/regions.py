@@ -9,13 +9,13 @@ from functools import cached_property
 import bpy
 import numpy as np
 
-from .. import optics
-from ..optics.axial import AxialGlass
+from ... import optics
+from ...optics.axial import AxialGlass
+from ..read.glasses import Glass, as_body, read_glasses, unbounded
+from ..read.viewpoint import Viewpoint, read_viewpoint
 from .chains import onward, other_glass
-from .glasses import Glass, as_body, read_glasses, unbounded
 from .hull import first_face
 from .path_keys import Path, path_key
-from .viewpoint import Viewpoint, read_viewpoint
 
 FILTER_WIDTH = 1.5
 """Width of the pixel filter (Blackman-Harris), as Cycles counts it and has it by default."""
