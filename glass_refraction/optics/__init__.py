@@ -13,6 +13,7 @@ from .chains import (
     trace_chain,
 )
 from .dispersion import LINES, dispersed_ior
+from .exit_rays import ExitRays, PlacedGlass, exit_rays
 from .glasses import CylinderGlass, FlatGlass, SphereGlass
 from .images import ApparentPoints
 from .interpolation import edge_gaps, edges_to_split, triangle_gaps
@@ -31,10 +32,12 @@ __all__ = [
     "ApparentPoints",
     "ChainedPath",
     "CylinderGlass",
+    "ExitRays",
     "FlatGlass",
     "LightPath",
     "Pair",
     "ParallelView",
+    "PlacedGlass",
     "RayEnds",
     "RevolutionGlass",
     "SphereGlass",
@@ -47,6 +50,7 @@ __all__ = [
     "dispersed_ior",
     "edge_gaps",
     "edges_to_split",
+    "exit_rays",
     "first_met",
     "follow_rays",
     "fresnel",

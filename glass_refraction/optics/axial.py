@@ -260,7 +260,7 @@ def start(glass: BoundedGlass, origin: ArrayLike, direction: ArrayLike) -> list[
 
 def nearest(glass: BoundedGlass, medium: int, rays: Rays) -> tuple[NDArray[np.intp], Floats]:
     """Number of the interface that each ray meets next, −1 for none, and the way to it."""
-    return _nearest_marked(glass, medium, rays)[:2]
+    return nearest_marked(glass, medium, rays)[:2]
 
 
 def reach(glass: BoundedGlass, origin: ArrayLike, direction: ArrayLike) -> Floats:
@@ -273,7 +273,7 @@ def reach(glass: BoundedGlass, origin: ArrayLike, direction: ArrayLike) -> Float
     return found
 
 
-def _nearest_marked(glass: BoundedGlass, medium: int, rays: Rays) -> tuple:
+def nearest_marked(glass: BoundedGlass, medium: int, rays: Rays) -> tuple:
     """The same, and where on a `Profile` the meeting is, which is costly to find again."""
     met = np.full(len(rays.place[0]), -1, dtype=np.intp)
     least = np.full(len(met), np.inf)
@@ -317,7 +317,7 @@ def follow(
         group = stack.pop()
         if watch(group.steps):
             yield replace(group, open=True)
-        met, way, marks = _nearest_marked(glass, group.medium, group.rays)
+        met, way, marks = nearest_marked(glass, group.medium, group.rays)
         ior = glass.media[group.medium]
         if group.medium in glass.endless:
             ends = np.flatnonzero(met < 0)

@@ -78,6 +78,16 @@ def fresnel(cos_incident: ArrayLike, eta: ArrayLike) -> NDArray[np.float64]:
         np.minimum(np.abs(np.asarray(cos_incident, dtype=float)), 1.0),
         np.asarray(eta, dtype=float),
     )
+    return reflectance_and_cosine(cos_incident, eta)[0]
+
+
+def reflectance_and_cosine(
+    cos_incident: NDArray[np.float64], eta: NDArray[np.float64] | float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Reflectance as `fresnel`, and the cosine behind the surface (0 under total reflection).
+
+    `cos_incident` between 0 and 1.
+    """
     cos_squared = _cos_squared_behind(cos_incident, eta)
     cos_behind = np.sqrt(np.maximum(cos_squared, 0.0))
     one = (cos_squared <= 0.0) | (cos_incident == 0.0)
@@ -86,7 +96,7 @@ def fresnel(cos_incident: ArrayLike, eta: ArrayLike) -> NDArray[np.float64]:
     perpendicular = (eta * cos_incident - cos_behind) / across
     parallel = (cos_incident - eta * cos_behind) / along
     reflectance = 0.5 * (perpendicular * perpendicular + parallel * parallel)
-    return np.where(one, 1.0, reflectance)
+    return np.where(one, 1.0, reflectance), cos_behind
 
 
 def _cos_squared_behind(cos_incident, eta):

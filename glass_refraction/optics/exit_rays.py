@@ -1,0 +1,652 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rays through any number of glasses at once: where the light of a ray comes from.
+
+All rays advance together, one interface a step. In each step every ray meets the nearest interface
+of any glass, or a thing before it, or nothing more; at an interface it splits by Fresnel's
+equations. What a ray ends with are its *exit rays*: each has an origin, a direction, a share of the
+light and the distance to the thing that it sees.
+
+Glasses may overlap. A ray knows the medium of every glass that it is in; the one of the glass with
+the highest priority holds (nested dielectrics: C. Schmidt and B. Budge, Simple Nested Dielectrics
+in Ray Traced Images, Journal of Graphics Tools 7, 2002). An interface that does not change the
+medium that holds is passed straight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .axial import ENDLESS, PLAIN, BoundedGlass, nearest_marked
+from .laws import reflectance_and_cosine
+from .profiles import Profile
+from .solver import in_blocks
+from .surfaces import Floats, Rays
+
+TOUCHING = 2.0**-21
+"""Relative distance within which two surfaces touch: of the largest coordinate of the place where a
+ray starts, or of the way to where it meets them. It is four roundings of the float32 numbers in
+which Blender keeps places."""
+
+MOST_STRAIGHT = 64
+"""Interfaces that a ray may pass straight, beside the `most_events` at which it is turned."""
+
+STAMPS = 1 << 12
+"""More than the glasses of a scene: priorities, entries and the order of the list in one number."""
+
+NOWHERE = np.iinfo(np.int64).min
+"""Rank of a glass that a ray is not in."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedGlass:
+    """A glass of closed form in the world.
+
+    Parameters
+    ----------
+    body : BoundedGlass
+        Its description, see `body`; lengths in metres in its own frame.
+    pose : (4, 4)
+        Rigid: from the body's frame to the world, metres. A mirror image is rigid too.
+    absorption : (len(body.media), 3), optional
+        Absorption coefficients of each medium, per metre, red, green, blue. Medium 0 is not looked
+        at: the surroundings are clear.
+    priority : int
+        Of the media that overlap, that of the highest priority holds; of equal ones, that which the
+        ray entered first (what it starts in or enters at one place: the first in the list).
+    """
+
+    body: BoundedGlass
+    pose: ArrayLike
+    absorption: ArrayLike | None = None
+    priority: int = 0
+
+    def __post_init__(self) -> None:
+        pose = np.array(self.pose, dtype=float)
+        turn = pose[:3, :3] if pose.shape == (4, 4) else None
+        if turn is None or not np.allclose(turn @ turn.T, np.eye(3), atol=RIGID):
+            raise ValueError(f"pose must be a rigid (4, 4) matrix, not {self.pose!r}")
+        object.__setattr__(self, "pose", pose)
+
+    @property
+    def media(self) -> tuple[float, ...]:
+        return self.body.media
+
+    @cached_property
+    def _ball(self) -> tuple[Floats, float]:
+        """Middle and radius of a ball round the body, in its frame and unit of length."""
+        low, high = self.body.box / self.body.scale
+        return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+
+    def inward(self, place: Floats, direction: Floats) -> tuple[Floats, Floats]:
+        """Places and directions (3, M) of the world in the body's frame and unit of length."""
+        turn, origin = self.pose[:3, :3].T, self.pose[:3, 3]
+        local = _turned(turn, place - origin[:, None])
+        local /= self.body.scale
+        return local, _turned(turn, direction)
+
+    def near(self, place: Floats, direction: Floats) -> NDArray[np.bool_]:
+        """Which rays in the body's frame pass through the ball round it."""
+        middle, radius = self._ball
+        away = place - middle[:, None]
+        square = _dot(away, away)
+        along = _dot(away, direction)
+        # What rounding takes from the difference of squares is given back.
+        least = radius * radius * (1.0 + ROUNDING) + ROUNDING * square
+        return (square - along * along <= least) & ((along < 0.0) | (square <= least))
+
+
+RIGID = 1e-6
+"""How far the columns of a pose may be from perpendicular unit vectors."""
+
+ROUNDING = 1e-12
+"""Relative margin of the balls round glasses."""
+
+
+@dataclass(frozen=True)
+class ExitRays:
+    """Where the light of rays comes from, one exit ray a row; those of one ray are neighbours.
+
+    Attributes
+    ----------
+    ray : (K,) int
+        Number of the ray.
+    weight : (K,)
+        Share of the ray's light, absorption not counted.
+    depth : (K, 3)
+        Optical depth of all media passed, up to the thing seen: ``exp(-depth)`` gets through.
+    origin : (K, 3)
+        Last interface point in the world, metres; the ray's own origin if it met none.
+    direction : (K, 3)
+        Unit, from there on.
+    distance : (K,)
+        Metres from `origin` to the thing seen, inf for none.
+    events : (K,) int
+        Interfaces at which the ray was refracted or reflected.
+    path : (K,) int64
+        The same for rays with the same sequence of (glass, interface, refracted or reflected), 0
+        for none; comparable between calls with the same list of glasses. It is a hash: two
+        sequences share one with a chance of 2⁻⁶⁴.
+    lost : (M,)
+        Share of each ray's light that was not followed to its end. With the weights it adds up to
+        1. All of it for a ray that is none (not finite, or without a direction).
+    steps : int
+        Steps taken, each with at most one call of `cast` and of `meet`.
+    """
+
+    ray: NDArray[np.intp]
+    weight: Floats
+    depth: Floats
+    origin: Floats
+    direction: Floats
+    distance: Floats
+    events: NDArray[np.intp]
+    path: NDArray[np.int64]
+    lost: Floats
+    steps: int
+
+
+Cast = Callable[[Floats, Floats], Floats]
+"""(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none."""
+
+
+@dataclass
+class _Live:
+    """Rays on their way, in the world; the last axis counts them.
+
+    `medium`: of each glass, 0 outside it. `entered`: events before each glass was entered. `skip`:
+    how far ahead things are looked for; nearer ones touch the interface from the other side.
+    """
+
+    ray: NDArray[np.intp]
+    place: Floats
+    direction: Floats
+    weight: Floats
+    depth: Floats
+    events: NDArray[np.int32]
+    path: NDArray[np.uint64]
+    medium: NDArray[np.int8]
+    entered: NDArray[np.int16]
+    skip: Floats
+
+    def __len__(self) -> int:
+        return len(self.ray)
+
+    def take(self, which) -> _Live:
+        return _Live(*(getattr(self, part.name)[..., which] for part in fields(self)))
+
+    @staticmethod
+    def join(parts: Sequence[_Live]) -> _Live:
+        names = [part.name for part in fields(_Live)]
+        return _Live(
+            *(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names)
+        )
+
+
+@dataclass
+class _Met:
+    """The next interface of every ray: way to it (inf: none), glass, interface, unit normal (3, L).
+
+    `after`: medium of every glass behind it. `leaked`: the ray is in a glass of which it meets
+    nothing, by rounding.
+    """
+
+    way: Floats
+    glass: NDArray[np.int16]
+    interface: NDArray[np.int32]
+    normal: Floats
+    after: NDArray[np.int8]
+    leaked: NDArray[np.bool_]
+
+    def take(self, which) -> _Met:
+        return _Met(*(getattr(self, part.name)[..., which] for part in fields(self)))
+
+
+class _Media:
+    """What holds where: tables of all media of all glasses."""
+
+    def __init__(self, glasses: Sequence[PlacedGlass]) -> None:
+        around = {glass.media[0] for glass in glasses}
+        if len(around) > 1:
+            raise ValueError(f"glasses must have the same surroundings, not ior {sorted(around)}")
+        if len(glasses) >= STAMPS:
+            raise ValueError(f"glasses must be fewer than {STAMPS}, not {len(glasses)}")
+        widest = max((len(glass.media) for glass in glasses), default=1)
+        # The last row, which -1 finds, are the surroundings.
+        self.ior = np.full((len(glasses) + 1, widest), around.pop() if around else 1.0)
+        self.absorption = np.zeros((len(glasses) + 1, widest, 3))
+        for number, glass in enumerate(glasses):
+            count = len(glass.media)
+            self.ior[number, 1:count] = glass.media[1:]
+            if glass.absorption is None:
+                continue
+            table = np.asarray(glass.absorption, dtype=float)
+            if table.shape != (count, 3):
+                raise ValueError(f"absorption must be ({count}, 3), not of shape {table.shape}")
+            self.absorption[number, 1:count] = table[1:]
+        self.clear = not self.absorption.any()
+        ranks = {value: n for n, value in enumerate(sorted({g.priority for g in glasses}))}
+        # Priority first, then what was entered before, then the order of the list.
+        self.rank = np.array(
+            [ranks[g.priority] * STAMPS**3 - number for number, g in enumerate(glasses)],
+            dtype=np.int64,
+        )
+
+    def holding(self, medium, entered) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Glass (-1: none) and its medium (0: none) that hold, of media (G, L) of every glass."""
+        count = medium.shape[1]
+        if not len(medium):
+            return np.full(count, -1), np.zeros(count, dtype=np.intp)
+        if len(medium) == 1:
+            return np.where(medium[0] > 0, 0, -1), medium[0].astype(np.intp)
+        rank = self.rank[:, None] - entered.astype(np.int64) * STAMPS
+        rank[medium == 0] = NOWHERE
+        first = np.argmax(rank, axis=0)
+        held = medium[first, np.arange(count)].astype(np.intp)
+        return np.where(held > 0, first, -1), held
+
+
+@dataclass
+class _Followed:
+    """One call of `exit_rays`."""
+
+    glasses: Sequence[PlacedGlass]
+    min_weight: float
+    most_events: int
+    cast: Cast | None
+    fresnel: bool
+    things: Floats | None
+    media: _Media = field(init=False)
+    rows: list[tuple[_Live, Floats]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.media = _Media(self.glasses)
+
+    # ---- the start ----------------------------------------------------------------------
+
+    def start(self, origin: Floats, direction: Floats, proper: NDArray[np.intp]) -> _Live:
+        """The proper rays of unit directions (M, 3)."""
+        count, glasses = len(proper), len(self.glasses)
+        single = origin.ndim == 1
+        medium = np.zeros((glasses, count), dtype=np.int8)
+        places = origin[None] if single else origin[proper]
+        for number, glass in enumerate(self.glasses):
+            turn, middle = glass.pose[:3, :3], glass.pose[:3, 3]
+            medium[number] = glass.body.medium_at((places - middle) @ turn)
+        return _Live(
+            ray=proper,
+            place=np.array(np.broadcast_to(places.T, (3, count))),
+            direction=np.ascontiguousarray(direction[proper].T),
+            weight=np.ones(count),
+            depth=np.zeros((3, count)),
+            events=np.zeros(count, dtype=np.int32),
+            path=np.zeros(count, dtype=np.uint64),
+            medium=medium,
+            entered=np.zeros((glasses, count), dtype=np.int16),
+            skip=np.zeros(count),
+        )
+
+    # ---- one step -----------------------------------------------------------------------
+
+    def step(self, live: _Live, lost: Floats) -> _Live:
+        """The rays behind their next interface; those that end are kept in `rows`."""
+        met = self.meet(live)
+        free = self.look(live, met)
+        reach = np.abs(live.place).max(axis=0)
+        finite = np.isfinite(met.way)
+        near = TOUCHING * np.where(finite, np.maximum(reach, met.way), reach)
+        seen = free < np.where(finite, met.way - near, np.inf)
+        leaked = met.leaked & ~seen
+        ends = (seen | ~finite) & ~leaked
+        if not self.media.clear:
+            length = np.where(ends, free, met.way)
+            glass, medium = self.media.holding(live.medium, live.entered)
+            # What is seen at infinity through a medium without end is not dimmed.
+            way = np.where(np.isfinite(length), length, 0.0)
+            live.depth += self.media.absorption[glass, medium].T * way
+        which = np.flatnonzero(ends)
+        self.rows.append((live.take(which), free[which]))
+        lost += np.bincount(live.ray[leaked], live.weight[leaked], len(lost))
+        on = np.flatnonzero(~ends & ~leaked)
+        touched = free[on] <= met.way[on] + near[on]
+        return self.split(live.take(on), met.take(on), touched, near[on], lost)
+
+    def meet(self, live: _Live) -> _Met:
+        """The next interface of every ray, of all glasses."""
+        count = len(live)
+        met = _Met(
+            way=np.full(count, np.inf),
+            glass=np.full(count, -1, dtype=np.int16),
+            interface=np.zeros(count, dtype=np.int32),
+            normal=np.zeros((3, count)),
+            after=live.medium.copy(),
+            leaked=np.zeros(count, dtype=bool),
+        )
+
+        def work(block: slice) -> None:
+            found = []
+            for number, glass in enumerate(self.glasses):
+                found += _meetings(number, glass, live, block, met)
+            way = met.way[block]
+            for meeting in found:
+                way[meeting.index] = np.minimum(way[meeting.index], meeting.way)
+            # Of interfaces that touch the glass of the highest priority tells what happens.
+            found.sort(key=lambda meeting: self.media.rank[meeting.number])
+            near = np.abs(live.place[:, block]).max(axis=0) if len(self.glasses) > 1 else None
+            for meeting in found:
+                index = meeting.index
+                if near is not None:
+                    reach = np.maximum(near[index], way[index])
+                    here = np.flatnonzero(meeting.way <= way[index] + TOUCHING * reach)
+                    meeting = meeting.take(here)
+                    index = meeting.index
+                if not len(index):
+                    continue
+                index = index + block.start
+                met.glass[index] = meeting.number
+                met.interface[index] = meeting.interface
+                met.normal[:, index] = meeting.normals()
+                met.after[meeting.number, index] = meeting.beyond
+
+        in_blocks(work, count)
+        return met
+
+    def look(self, live: _Live, met: _Met) -> Floats:
+        """Metres (L,) to the nearest thing, looked for where one can be."""
+        free = np.full(len(live), np.inf)
+        if self.cast is None or not len(live):
+            return free
+        some = slice(None)
+        if self.things is not None:
+            some = np.flatnonzero(_meets_boxes(self.things, live, met.way))
+            if not len(some):
+                return free
+        place, along, skip = live.place[:, some], live.direction[:, some], live.skip[some]
+        origins = np.ascontiguousarray((place + skip * along).T)
+        free[some] = self.cast(origins, np.ascontiguousarray(along.T)) + skip
+        return free
+
+    def split(self, live: _Live, met: _Met, touched, near, lost: Floats) -> _Live:
+        """The rays behind the interfaces that they met.
+
+        `touched`: a thing touches the interface within `near`. Between the two is a film of the
+        medium behind the interface: what gets through the interface sees the thing.
+        """
+        children: dict[int, tuple[_Live, _Live, tuple]] = {}
+
+        def work(block: slice) -> None:
+            children[block.start] = self._split(
+                live.take(block), met.take(block), touched[block], near[block]
+            )
+
+        in_blocks(work, len(live))
+        further = []
+        for _, (seen, followed, dropped) in sorted(children.items()):
+            if len(seen):
+                self.rows.append((seen, np.zeros(len(seen))))
+            further.append(followed)
+            lost += np.bincount(*dropped, len(lost))
+        return _Live.join(further) if further else live
+
+    def _split(self, live: _Live, met: _Met, touched, near) -> tuple[_Live, _Live, tuple]:
+        """Rays that see what touches, rays to follow, and (ray, weight) of what is dropped."""
+        live.place += met.way * live.direction
+        direction = live.direction
+        glass, medium = self.media.holding(live.medium, live.entered)
+        entered = np.where(
+            (met.after > 0) & (live.medium == 0), (live.events + 1).astype(np.int16), live.entered
+        )
+        glass_after, medium_after = self.media.holding(met.after, entered)
+        straight = (glass == glass_after) & (medium == medium_after)
+        eta = self.media.ior[glass, medium] / self.media.ior[glass_after, medium_after]
+        towards = _dot(met.normal, direction)
+        normal = met.normal * np.where(towards > 0.0, -1.0, 1.0)
+        cosine = np.minimum(np.abs(towards), 1.0)
+        reflectance, behind = reflectance_and_cosine(cosine, eta)
+        if not self.fresnel:
+            reflectance = np.where(behind > 0.0, 0.0, 1.0)
+        reflectance[straight] = 0.0
+        turned = eta * direction + (eta * cosine - behind) * normal
+        turned /= np.sqrt(np.maximum(_dot(turned, turned), LEAST))
+        turned = np.where(straight, direction, turned)
+        mirrored = direction + (2.0 * cosine) * normal
+        mirrored /= np.sqrt(_dot(mirrored, mirrored))
+
+        events = live.events + ~straight
+        # Long ways, round in a wall, must carry more.
+        least = self.min_weight * np.maximum(1.0, events / PLAIN)
+        least[straight] = 0.0
+        code = (met.glass.astype(np.int64) * STAMPS + met.interface) * 2 + 1
+        weights = live.weight * (1.0 - reflectance), live.weight * reflectance
+        kept, dropped = [], [(live.ray[:0], live.weight[:0])]
+        for number, weight in enumerate(weights):
+            enough = (weight > least) if self.fresnel else (weight > 0.0)
+            enough &= events <= self.most_events
+            kept.append(np.flatnonzero(enough))
+            rest = np.flatnonzero(~enough & (weight > 0.0))
+            dropped.append((live.ray[rest], weight[rest]))
+            if number == 0:
+                passed = enough
+        on, back = kept
+        through = live.take(on)
+        through.direction, through.weight = turned[:, on], weights[0][on]
+        through.medium, through.entered = met.after[:, on], entered[:, on]
+        through.events = events[on]
+        through.path = np.where(straight[on], through.path, _fold(through.path, code[on]))
+        through.skip = np.zeros(len(on))
+        off = live.take(back)
+        off.direction, off.weight, off.events = mirrored[:, back], weights[1][back], events[back]
+        off.path = _fold(off.path, code[back] + 1)
+        # A thing that touches is on the other side, whatever the rounding of its distance.
+        off.skip = np.where(touched[back], 2.0 * near[back], 0.0)
+        meets = touched & passed
+        if meets.any():
+            seen = through.take(meets[on])
+            through = through.take(~meets[on])
+        else:
+            seen = through.take(slice(0, 0))
+        ray, weight = (np.concatenate(column) for column in zip(*dropped, strict=True))
+        return seen, _Live.join([through, off]), (ray, weight)
+
+
+LEAST = 1e-300
+"""Stands for a square of 0."""
+
+
+@dataclass
+class _Meeting:
+    """Rays of a block, by `index`, that meet an interface of a glass in one medium of it."""
+
+    number: int
+    glass: PlacedGlass
+    index: NDArray[np.intp]
+    way: Floats
+    interface: NDArray[np.intp]
+    mark: Floats
+    beyond: NDArray[np.int8]
+    rays: Rays
+    """In the glass's frame and unit of length."""
+
+    def take(self, which) -> _Meeting:
+        if len(which) == len(self.index):
+            return self
+        index, way, interface, mark, beyond = (
+            part[which] for part in (self.index, self.way, self.interface, self.mark, self.beyond)
+        )
+        rays = self.rays.take(which)
+        return _Meeting(self.number, self.glass, index, way, interface, mark, beyond, rays)
+
+    def normals(self) -> Floats:
+        """Unit normals (3, n) in the world."""
+        body = self.glass.body
+        found = np.zeros((3, len(self.index)))
+        place = self.rays.at(self.way / body.scale)
+        for number in np.unique(self.interface):
+            some = np.flatnonzero(self.interface == number)
+            surface = body.interfaces[number].surface
+            here = tuple(part[some] for part in place)
+            marks = (self.mark[some],) if isinstance(surface, Profile) else ()
+            for axis, part in enumerate(surface.normal(*here, *marks)):
+                found[axis, some] = part
+        return _turned(self.glass.pose[:3, :3], found)
+
+
+def _meetings(number: int, glass: PlacedGlass, live: _Live, block: slice, met: _Met) -> list:
+    """The meetings of a block's rays with a glass, one for each medium of it that they are in."""
+    place, direction = glass.inward(live.place[:, block], live.direction[:, block])
+    media = live.medium[number, block]
+    body = glass.body
+    found = []
+    for medium in np.flatnonzero(np.bincount(media, minlength=1)):
+        here = media == medium
+        if medium == 0:
+            here &= glass.near(place, direction)
+        some = np.flatnonzero(here)
+        if not len(some):
+            continue
+        rays = Rays(tuple(place[:, some]), tuple(direction[:, some]))
+        interface, way, mark = nearest_marked(body, int(medium), rays)
+        on = np.flatnonzero(interface >= 0)
+        if medium not in body.endless:
+            met.leaked[block][some[interface < 0]] = True
+        if not len(on):
+            continue
+        interface = interface[on]
+        beyond = np.array([part.beyond(int(medium)) for part in body.interfaces], dtype=np.int8)
+        found.append(
+            _Meeting(
+                number,
+                glass,
+                some[on],
+                way[on] * body.scale,
+                interface,
+                mark[on],
+                beyond[interface],
+                rays.take(on),
+            )
+        )
+    return found
+
+
+def _meets_boxes(boxes: Floats, live: _Live, way: Floats) -> NDArray[np.bool_]:
+    """Which rays come, before their next interface or as near to it as things touch, into one of
+    the boxes (B, 2, 3)."""
+    found = np.zeros(len(way), dtype=bool)
+    # A direction of 0 is taken as one too small to matter.
+    along = np.where(np.abs(live.direction) < LEAST, LEAST, live.direction)
+    inverse = 1.0 / along
+    reach = np.abs(live.place).max(axis=0)
+    for low, high in boxes:
+        margin = TOUCHING * max(np.abs(low).max(), np.abs(high).max())
+        begin = ((low - margin)[:, None] - live.place) * inverse
+        end = ((high + margin)[:, None] - live.place) * inverse
+        enters = np.minimum(begin, end).max(axis=0)
+        leaves = np.maximum(begin, end).min(axis=0)
+        last = way + 2.0 * TOUCHING * np.maximum(reach, np.where(np.isfinite(way), way, 0.0))
+        found |= (enters <= np.minimum(leaves, last)) & (leaves >= 0.0)
+    return found
+
+
+# Sums of products are written out: BLAS and einsum round the last columns of an array otherwise
+# than the first, so that a ray's way would depend on its neighbours.
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    """Inner products (L,) of vectors (3, L)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _turned(matrix: Floats, vectors: Floats) -> Floats:
+    """The product of a matrix (3, 3) with vectors (3, L)."""
+    found = np.empty(vectors.shape)
+    for row, (a, b, c) in enumerate(matrix):
+        found[row] = a * vectors[0] + b * vectors[1] + c * vectors[2]
+    return found
+
+
+def _fold(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """The hash of a sequence that goes on with a code (a multiplicative hash, xor-shifted)."""
+    mixed = (path ^ code.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+    return mixed ^ (mixed >> np.uint64(32))
+
+
+def exit_rays(
+    glasses: Sequence[PlacedGlass],
+    origin: ArrayLike,
+    direction: ArrayLike,
+    *,
+    min_weight: float = 0.005,
+    most_events: int = ENDLESS,
+    cast: Cast | None = None,
+    things: ArrayLike | None = None,
+    fresnel: bool = True,
+) -> ExitRays:
+    """Follow rays through glasses along all ways that carry enough of the light.
+
+    Parameters
+    ----------
+    glasses
+        The glasses in the world; none at all is allowed.
+    origin : (3,) or (M, 3)
+        World, metres.
+    direction : (M, 3)
+        Need not be unit.
+    min_weight
+        Light below this part of a ray's is not followed on but counted as lost. Long ways, of more
+        than `PLAIN` events, must carry more: in proportion to their events.
+    most_events
+        Light that would be refracted or reflected more often is lost.
+    cast
+        Tells how far things are that are no glass; called once a step for all rays together. A
+        thing is seen where a ray meets it before the next interface. A thing that touches an
+        interface (`TOUCHING`) is seen behind it, through a film of what is there.
+    things : (B, 2, 3), optional
+        Boxes (lower, upper corner) round all things: rays that do not come into one before their
+        next interface are not cast. None: all are.
+    fresnel
+        False: interfaces only refract and take no light in doing so. What is totally reflected is
+        followed all the same.
+
+    Raises
+    ------
+    ValueError
+        Where the glasses' surroundings differ or an absorption has the wrong shape.
+    """
+    directions = np.atleast_2d(np.asarray(direction, dtype=float))
+    origins = np.asarray(origin, dtype=float)
+    total = len(directions)
+    largest = np.abs(directions).max(axis=-1, initial=0.0)
+    fit = np.isfinite(largest) & (largest > 0.0) & np.isfinite(origins).all(axis=-1)
+    proper = np.flatnonzero(fit)
+    unit = np.zeros_like(directions)
+    unit[proper] = directions[proper] / largest[proper, None]
+    unit[proper] /= np.sqrt(np.sum(unit[proper] ** 2, axis=-1, keepdims=True))
+    boxes = None if things is None else np.asarray(things, dtype=float).reshape(-1, 2, 3)
+    followed = _Followed(glasses, min_weight, most_events, cast, fresnel, boxes)
+    lost = np.where(fit, 0.0, 1.0)
+    live, steps = followed.start(origins, unit, proper), 0
+    while len(live) and steps < most_events + MOST_STRAIGHT:
+        live = followed.step(live, lost)
+        steps += 1
+    lost += np.bincount(live.ray, live.weight, total)
+    rows = [*followed.rows, (live.take(slice(0, 0)), np.zeros(0))]
+    ends = _Live.join([row[0] for row in rows])
+    distance = np.concatenate([row[1] for row in rows])
+    order = np.argsort(ends.ray, kind="stable")
+    ends = ends.take(order)
+    return ExitRays(
+        ray=ends.ray,
+        weight=ends.weight,
+        depth=np.ascontiguousarray(ends.depth.T),
+        origin=np.ascontiguousarray(ends.place.T),
+        direction=np.ascontiguousarray(ends.direction.T),
+        distance=distance[order],
+        events=ends.events.astype(np.intp),
+        path=ends.path.view(np.int64),
+        lost=lost,
+        steps=steps,
+    )
