@@ -125,6 +125,8 @@ class ExitRays:
         Unit, from there on.
     distance : (K,)
         Metres from `origin` to the thing seen, inf for none.
+    thing : (K,) int
+        Number of the thing seen, as `cast` has it, -1 for none.
     events : (K,) int
         Interfaces at which the ray was refracted or reflected.
     path : (K,) int64
@@ -144,14 +146,16 @@ class ExitRays:
     origin: Floats
     direction: Floats
     distance: Floats
+    thing: NDArray[np.intp]
     events: NDArray[np.intp]
     path: NDArray[np.int64]
     lost: Floats
     steps: int
 
 
-Cast = Callable[[Floats, Floats], Floats]
-"""(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none."""
+Cast = Callable[[Floats, Floats], tuple[Floats, NDArray[np.intp]]]
+"""(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none, and
+its number (L,), -1 for none."""
 
 
 @dataclass
@@ -261,7 +265,7 @@ class _Followed:
     fresnel: bool
     things: Floats | None
     media: _Media = field(init=False)
-    rows: list[tuple[_Live, Floats]] = field(default_factory=list)
+    rows: list[tuple[_Live, Floats, NDArray[np.intp]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.media = _Media(self.glasses)
@@ -295,7 +299,7 @@ class _Followed:
     def step(self, live: _Live, lost: Floats) -> _Live:
         """The rays behind their next interface; those that end are kept in `rows`."""
         met = self.meet(live)
-        free = self.look(live, met)
+        free, thing = self.look(live, met)
         reach = np.abs(live.place).max(axis=0)
         finite = np.isfinite(met.way)
         near = TOUCHING * np.where(finite, np.maximum(reach, met.way), reach)
@@ -309,11 +313,11 @@ class _Followed:
             way = np.where(np.isfinite(length), length, 0.0)
             live.depth += self.media.absorption[glass, medium].T * way
         which = np.flatnonzero(ends)
-        self.rows.append((live.take(which), free[which]))
+        self.rows.append((live.take(which), free[which], thing[which]))
         lost += np.bincount(live.ray[leaked], live.weight[leaked], len(lost))
         on = np.flatnonzero(~ends & ~leaked)
         touched = free[on] <= met.way[on] + near[on]
-        return self.split(live.take(on), met.take(on), touched, near[on], lost)
+        return self.split(live.take(on), met.take(on), touched, thing[on], near[on], lost)
 
     def meet(self, live: _Live) -> _Met:
         """The next interface of every ray, of all glasses."""
@@ -355,45 +359,47 @@ class _Followed:
         in_blocks(work, count)
         return met
 
-    def look(self, live: _Live, met: _Met) -> Floats:
-        """Metres (L,) to the nearest thing, looked for where one can be."""
-        free = np.full(len(live), np.inf)
+    def look(self, live: _Live, met: _Met) -> tuple[Floats, NDArray[np.intp]]:
+        """Metres (L,) to the nearest thing, looked for where one can be, and its number."""
+        free, thing = np.full(len(live), np.inf), np.full(len(live), -1, dtype=np.intp)
         if self.cast is None or not len(live):
-            return free
+            return free, thing
         some = slice(None)
         if self.things is not None:
             some = np.flatnonzero(_meets_boxes(self.things, live, met.way))
             if not len(some):
-                return free
+                return free, thing
         place, along, skip = live.place[:, some], live.direction[:, some], live.skip[some]
         origins = np.ascontiguousarray((place + skip * along).T)
-        free[some] = self.cast(origins, np.ascontiguousarray(along.T)) + skip
-        return free
+        distance, thing[some] = self.cast(origins, np.ascontiguousarray(along.T))
+        free[some] = distance + skip
+        return free, thing
 
-    def split(self, live: _Live, met: _Met, touched, near, lost: Floats) -> _Live:
+    def split(self, live: _Live, met: _Met, touched, thing, near, lost: Floats) -> _Live:
         """The rays behind the interfaces that they met.
 
         `touched`: a thing touches the interface within `near`. Between the two is a film of the
         medium behind the interface: what gets through the interface sees the thing.
         """
-        children: dict[int, tuple[_Live, _Live, tuple]] = {}
+        children: dict[int, tuple[tuple, _Live, tuple]] = {}
 
         def work(block: slice) -> None:
             children[block.start] = self._split(
-                live.take(block), met.take(block), touched[block], near[block]
+                live.take(block), met.take(block), touched[block], thing[block], near[block]
             )
 
         in_blocks(work, len(live))
         further = []
         for _, (seen, followed, dropped) in sorted(children.items()):
-            if len(seen):
-                self.rows.append((seen, np.zeros(len(seen))))
+            if len(seen[1]):
+                self.rows.append((seen[0], np.zeros(len(seen[1])), seen[1]))
             further.append(followed)
             lost += np.bincount(*dropped, len(lost))
         return _Live.join(further) if further else live
 
-    def _split(self, live: _Live, met: _Met, touched, near) -> tuple[_Live, _Live, tuple]:
-        """Rays that see what touches, rays to follow, and (ray, weight) of what is dropped."""
+    def _split(self, live: _Live, met: _Met, touched, thing, near) -> tuple[tuple, _Live, tuple]:
+        """Rays that see what touches and what that is, rays to follow, and (ray, weight) of what is
+        dropped."""
         live.place += met.way * live.direction
         direction = live.direction
         glass, medium = self.media.holding(live.medium, live.entered)
@@ -445,10 +451,10 @@ class _Followed:
         off.skip = np.where(touched[back], 2.0 * near[back], 0.0)
         meets = touched & passed
         if meets.any():
-            seen = through.take(meets[on])
+            seen = through.take(meets[on]), thing[on][meets[on]]
             through = through.take(~meets[on])
         else:
-            seen = through.take(slice(0, 0))
+            seen = through.take(slice(0, 0)), thing[:0]
         ray, weight = (np.concatenate(column) for column in zip(*dropped, strict=True))
         return seen, _Live.join([through, off]), (ray, weight)
 
@@ -633,9 +639,10 @@ def exit_rays(
         live = followed.step(live, lost)
         steps += 1
     lost += np.bincount(live.ray, live.weight, total)
-    rows = [*followed.rows, (live.take(slice(0, 0)), np.zeros(0))]
+    nothing = live.take(slice(0, 0)), np.zeros(0), np.zeros(0, dtype=np.intp)
+    rows = [*followed.rows, nothing]
     ends = _Live.join([row[0] for row in rows])
-    distance = np.concatenate([row[1] for row in rows])
+    distance, thing = (np.concatenate([row[k] for row in rows]) for k in (1, 2))
     order = np.argsort(ends.ray, kind="stable")
     ends = ends.take(order)
     return ExitRays(
@@ -645,6 +652,7 @@ def exit_rays(
         origin=np.ascontiguousarray(ends.place.T),
         direction=np.ascontiguousarray(ends.direction.T),
         distance=distance[order],
+        thing=thing[order],
         events=ends.events.astype(np.intp),
         path=ends.path.view(np.int64),
         lost=lost,

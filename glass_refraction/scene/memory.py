@@ -30,6 +30,11 @@ class Status:
     milliseconds: float = 0.0
     bound_px: float = 0.0
     problems: list[str] = field(default_factory=list)
+    views: tuple = ()
+    unseen: float = 0.0
+    rays: int = 0
+    ways: int = 0
+    covered: int = 0
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,7 @@ class Memory:
     )
     chains: dict[str, tuple[tuple, tuple[optics.ChainedPath, ...]]] = field(default_factory=dict)
     status: Status = field(default_factory=Status)
+    caster: object | None = None
 
 
 _memories: dict[int, Memory] = {}

@@ -78,6 +78,7 @@ from .read.sources import (
     source_objects,
 )
 from .read.things import body_corners, may_hide, obstacle_of, within
+from .read.visibility import rendered_layer
 from .read.viewpoint import Viewpoint, read_viewpoint
 from .screen import FINEST, build_screen
 from .vertices.appearance import Appearance, Search, Solver, Source
@@ -157,8 +158,15 @@ def prepare(
             raise RefractiveGlassError(
                 f'{label} of scene "{scene.name}" is no number: enter it anew (Render Properties)'
             )
-    view_layer = scene.view_layers[0]
+    view_layer = rendered_layer(scene)
     glasses = glass_objects(view_layer)
+    if scene.refractive_glass.shading == "TRUE":
+        from .rays import true
+        read_viewpoint(scene, depsgraph)
+        true.prepare(scene)
+        for obj in glasses:
+            _show_mesh(scene, obj, False)
+        return
     if strict and not glasses:
         raise RefractiveGlassError(
             f'Scene "{scene.name}" has no refractive glass: add one (Add > Mesh > Refractive Glass)'
@@ -378,6 +386,11 @@ def updating(
 
     Yields before every copy; returns the status.
     """
+    if scene.refractive_glass.shading == "TRUE":
+        from .rays import true
+        if depsgraph.mode == "RENDER":
+            return true.update(scene, depsgraph, read_viewpoint(scene, depsgraph))
+        return memory_of(scene).status
     layers = find_layers(scene)
     memory = memory_of(scene)
     if layers is None or not scene.refractive_glass.enabled or is_held(scene):

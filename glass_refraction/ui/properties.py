@@ -101,6 +101,16 @@ class SceneSettings(bpy.types.PropertyGroup):
         default="3",
         update=_changed,
     )
+    captures: bpy.props.IntProperty(
+        name="Captures",
+        description="Cameras at most that are placed to show what is seen through the glasses and "
+        "the picture itself does not show. Each is rendered once more, with as few samples as its "
+        "light allows",
+        default=3,
+        min=0,
+        max=3,
+        update=_changed,
+    )
     bake_directory: bpy.props.StringProperty(
         name="Bake Folder",
         description="Where baked frames are written; empty for a folder beside the file",

@@ -1,20 +1,220 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The door of True shading: make what a render needs, and write a frame's values into it."""
+"""The door of True shading: make what renders need, once, and write a frame's values into it."""
 
 from __future__ import annotations
 
-from ..names import RefractiveGlassError
+import time
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..build.compositor import group_node, insert_group
+from ..build.own_scenes import (
+    find_own_scenes,
+    match_settings,
+    new_collection,
+    new_object,
+    own_scene,
+    remove_own_scenes,
+    synchronise,
+    write_setting,
+)
+from ..memory import Status, counters, memory_of
+from ..names import hidden_name
+from ..read.glasses import glass_modifier, read_glasses
+from ..read.viewpoint import Viewpoint, border_window, render_size
+from ..read.visibility import rendered_layer
+from .caster import Caster, fill_cast_collection
+from .frame import FrameInput, FrameResult, compute
+from .lamps import sun_of
+from .radiance import sky_of
+from .samples import LEVELS
+from .sum_tree import Pictures, SumTree, write_kernels
+from .things import read_things
+from .views import RadianceView
+
+CAPTURE, CAST = "capture", "cast"
+"""Roles of own scenes: one for each capture, and one in which rays are cast."""
+MOST_CAPTURES = 3
+"""Captures that the compositor tree has room for."""
+_STRUCTURE = "refractive_glass_structure"
 
 
-def prepare(scene, depsgraph, glasses, view, problems) -> None:
-    """Make own scenes and nodes of True shading."""
-    raise RefractiveGlassError("True shading is being rebuilt: choose Displaced")
+def prepare(scene: bpy.types.Scene) -> None:
+    """Make the own scenes and the compositor tree of True shading, unless they stand.
+
+    What is made depends on the scene's settings only, never on what a frame shows.
+    """
+    remove_own_scenes(scene, ("displaced",))
+    cast = own_scene(scene, CAST)
+    if not cast.collection.children:
+        fill_cast_collection(new_collection(CAST, cast))
+        synchronise(cast.view_layers[0])
+    captures = [own_scene(scene, CAPTURE, number) for number in range(MOST_CAPTURES)]
+    for capture in captures:
+        _fill_capture(scene, capture)
+    _match_captures(scene, captures)
+    alpha = scene.render.film_transparent
+    structure = f"true {MOST_CAPTURES} {LEVELS} {alpha}"
+    node = group_node(scene)
+    if node is None or node.node_tree is None or node.node_tree.get(_STRUCTURE) != structure:
+        counters["structures"] += 1
+        tree = SumTree(scene, captures, alpha=alpha).tree
+        tree[_STRUCTURE] = structure
+        insert_group(scene, tree, captures)
+    write_kernels()
 
 
-def update(scene, depsgraph, view):
-    """Write one frame's values."""
-    raise RefractiveGlassError("True shading is being rebuilt: choose Displaced")
+def remove(scene: bpy.types.Scene) -> None:
+    """Remove the own scenes of True shading."""
+    remove_own_scenes(scene, (CAPTURE, CAST))
 
 
-def remove(scene) -> None:
-    """Remove what :func:`prepare` made."""
+def _fill_capture(scene: bpy.types.Scene, capture: bpy.types.Scene) -> None:
+    """A camera of its own, and all that the user's scene shows."""
+    if capture.background_set != scene:
+        capture.background_set = scene
+    if capture.collection.children:
+        return
+    collection = new_collection(CAPTURE, capture)
+    camera = new_object(CAPTURE, bpy.data.cameras.new(hidden_name(CAPTURE)), collection)
+    capture.camera = camera
+    synchronise(capture.view_layers[0])
+
+
+def _match_captures(scene: bpy.types.Scene, captures: list[bpy.types.Scene]) -> None:
+    """Give the captures the user's settings; cameras and samples are a frame's."""
+    user_layer = rendered_layer(scene)
+    for capture in captures:
+        kept = {
+            "scene": {"camera": capture.camera},
+            "render": {"use_compositing": False, "use_sequencer": False, "use_multiview": False},
+            "cycles": {"samples": capture.cycles.samples},
+            "eevee": {"taa_render_samples": capture.eevee.taa_render_samples},
+        }
+        match_settings(scene, capture, kept)
+        layer = capture.view_layers[0]
+        for name in ("material_override", "world_override"):
+            if hasattr(layer, name):
+                write_setting(layer, name, getattr(user_layer, name))
+
+
+def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint) -> Status:
+    """Write one frame's pictures, cameras and samples."""
+    started = time.perf_counter()
+    problems: list[str] = []
+    captures = find_own_scenes(scene, (CAPTURE,))
+    result = compute(
+        _read(scene, depsgraph, view, problems), _caster(scene), 1 + len(captures)
+    )
+    _write(scene, captures, result)
+    status = Status(
+        milliseconds=1e3 * (time.perf_counter() - started),
+        problems=problems,
+        views=result.reports,
+        unseen=result.unseen,
+        rays=result.rays,
+        ways=result.ways,
+        covered=result.covered,
+    )
+    memory_of(scene).status = status
+    return status
+
+
+def _caster(scene: bpy.types.Scene) -> Caster:
+    """The scene's caster; it remembers its target, so that this is not built again."""
+    memory = memory_of(scene)
+    cast = find_own_scenes(scene, (CAST,))[0]
+    if memory.caster is None or not memory.caster.is_of(cast):
+        memory.caster = Caster(cast)
+    return memory.caster
+
+
+def _read(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint, problems: list[str]
+) -> FrameInput:
+    settings = scene.refractive_glass
+    glasses = tuple(read_glasses(depsgraph, problems))
+    left_out = frozenset(
+        obj.name
+        for obj in scene.objects
+        if obj.type == "MESH" and glass_modifier(obj) is not None
+    )
+    suns = []
+    for instance in depsgraph.object_instances:
+        obj = instance.object
+        if obj.type == "LIGHT" and obj.data.type == "SUN" and obj.visible_glossy:
+            sun = sun_of(obj.data, np.array(instance.matrix_world, float))
+            if sun is not None:
+                suns.append(sun)
+    width, height = render_size(scene)
+    render = scene.render
+    region = border_window(scene) if render.use_border else (0, 0, width, height)
+    samples, name = _samples(scene)
+    return FrameInput(
+        glasses=glasses,
+        things=read_things(depsgraph, left_out),
+        sky=sky_of(scene, tuple(suns)),
+        view=view,
+        near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),
+        region=region,
+        aspect=render.pixel_aspect_y / render.pixel_aspect_x,
+        engine=render.engine,
+        filter_size=_filter_size(scene),
+        samples=int(getattr(samples, name)),
+        captures=settings.captures,
+        min_weight=settings.min_weight,
+        fresnel=settings.surface == "GLASS",
+    )
+
+
+def _filter_size(scene: bpy.types.Scene) -> float:
+    if scene.render.engine != "CYCLES":
+        return float(scene.render.filter_size)
+    return float(scene.cycles.filter_width)
+
+
+def _samples(scene: bpy.types.Scene):
+    """Settings of the scene's engine that hold its samples a pixel, and the property's name."""
+    if scene.render.engine == "CYCLES":
+        return scene.cycles, "samples"
+    return scene.eevee, "taa_render_samples"
+
+
+def _write(scene: bpy.types.Scene, captures: list[bpy.types.Scene], result: FrameResult) -> None:
+    pictures = Pictures(scene)
+    for number, (packed, alpha) in enumerate(zip(result.views, result.alphas, strict=True)):
+        pictures.write_view(number, packed)
+        pictures.write(alpha, number, "alpha")
+    for name in ("spread", "beside", "known"):
+        pictures.write(getattr(result, name), name)
+    pictures.write(result.known_alpha, "known alpha")
+    _match_captures(scene, captures)
+    for number, capture in enumerate(captures):
+        used = number < len(result.captures)
+        write_setting(capture.view_layers[0], "use", used)
+        if used:
+            _aim_camera(capture.camera, result.captures[number])
+            write_setting(*_samples(capture), result.samples[number])
+
+
+def _aim_camera(camera: bpy.types.Object, view: RadianceView) -> None:
+    """Give a camera object the pose, lens and shift of a view."""
+    data, p = camera.data, view.projection
+    width, height = view.size
+    data.type, data.sensor_fit, data.sensor_width = "PERSP", "HORIZONTAL", 32.0
+    per_slope = 0.5 * p[0, 0] * width
+    data.lens = data.sensor_width * per_slope / width
+    origin = 0.5 * (1.0 - p[0, 2]) * width, 0.5 * (1.0 - p[1, 2]) * height
+    # Shifts count in widths, whatever the frame's height; pixels may be higher than wide.
+    aspect = (p[0, 0] * width) / (p[1, 1] * height)
+    data.shift_x = (0.5 * width - origin[0]) / width
+    data.shift_y = (0.5 * height - origin[1]) * aspect / width
+    data.clip_start, data.clip_end = view.near, max(1e6 * view.near, 1e3)
+    pose = np.eye(4)
+    pose[:3, :3] = view.to_camera[:3, :3].T
+    pose[:3, 3] = view.eye
+    camera.matrix_world = Matrix(pose.tolist())
+
+

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Exit rays of a picture: one a pixel where ways are smooth, more where they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+
+from ..read.viewpoint import Viewpoint
+from .hits import Shown, Ways
+
+SIDE = 3
+"""Rays along either axis of a pixel in which ways end."""
+FAINT = 0.02
+"""Part of the light below which the end of a way is not looked at."""
+STRETCHED_PX = 1.8
+"""Between the hits of neighbouring pixels, in a view's pixels: above, one ray is too few."""
+ENOUGH = 0.25
+"""Part of a ray's light that must have been followed to stand for all of it."""
+FILTER_SIGMA = {"CYCLES": 0.142, "BLENDER_EEVEE": 0.284, "BLENDER_WORKBENCH": 0.35}
+"""Of the engines' pixel filters (Blackman and Harris's window as a Gauss bell): standard deviation
+over the filter's width in Cycles, over its radius in EEVEE, in pixels in Workbench."""
+
+Follow = Callable[[np.ndarray, np.ndarray], tuple[Ways, np.ndarray]]
+"""Follows world rays (M, 3), (M, 3): their ways, and the part of the light (M,) that was lost. A ray
+that meets no glass first has no way."""
+
+
+def filter_sigma(engine: str, filter_size: float) -> float:
+    """Standard deviation, pixels, of the engine's pixel filter."""
+    sigma = FILTER_SIGMA.get(engine, FILTER_SIGMA["CYCLES"])
+    return sigma if engine == "BLENDER_WORKBENCH" else sigma * filter_size
+
+
+@dataclass(frozen=True, eq=False)
+class PictureRays:
+    """Ways of a picture's rays.
+
+    Attributes
+    ----------
+    pixel : (R,) number of each ray's pixel in the frame, row by row from the lower left.
+    share : (R,) part of its pixel that a ray stands for.
+    ways : their ``ray`` counts these rays.
+    """
+
+    pixel: np.ndarray
+    share: np.ndarray
+    ways: Ways
+
+
+def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.ndarray:
+    """Numbers (N,), rising, of the frame's pixels in any rectangle (x0, y0, x1, y1), half open."""
+    width, height = size
+    wanted = np.zeros((height, width), bool)
+    for x0, y0, x1, y1 in rects:
+        wanted[max(y0, 0) : max(y1, 0), max(x0, 0) : max(x1, 0)] = True
+    return np.flatnonzero(wanted)
+
+
+def centre_rays(view: Viewpoint, pixels: np.ndarray, follow: Follow) -> PictureRays:
+    """One ray through the centre of each pixel (N,); those that meet a glass are kept."""
+    return _rays(view, pixels, np.zeros((1, 2)), follow)
+
+
+def finer_rays(view: Viewpoint, pixels: np.ndarray, sigma: float, follow: Follow) -> PictureRays:
+    """`SIDE`² rays in each pixel (N,), spread as the pixel filter weighs places."""
+    steps = sigma * _bell_means(SIDE)
+    places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    return _rays(view, pixels, places, follow)
+
+
+def _bell_means(count: int) -> np.ndarray:
+    """Means (count,) of as many equally likely parts of the standard normal distribution."""
+    # The density at the parts' ends tells their means: ∫ x φ(x) dx = −φ(x).
+    ends = np.array([_quantile(k / count) for k in range(count + 1)])
+    density = np.exp(-0.5 * ends**2) / np.sqrt(2.0 * np.pi)
+    return count * (density[:-1] - density[1:])
+
+
+def _quantile(probability: float) -> float:
+    """Quantile of the standard normal distribution."""
+    if probability <= 0.0:
+        return -np.inf
+    return np.inf if probability >= 1.0 else NormalDist().inv_cdf(probability)
+
+
+def _rays(view: Viewpoint, pixels: np.ndarray, places: np.ndarray, follow: Follow) -> PictureRays:
+    width = view.size[0]
+    count = len(places)
+    pixel = np.repeat(pixels, count)
+    offset = np.tile(places, (len(pixels), 1))
+    x = pixel % width + 0.5 + offset[:, 0]
+    y = pixel // width + 0.5 + offset[:, 1]
+    origins, directions = view.rays(x, y)
+    ways, lost = follow(np.array(origins), np.array(directions))
+    ways = _with_lost(ways, lost)
+    return PictureRays(pixel, np.full(len(pixel), 1.0 / count), ways)
+
+
+def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:
+    """The ways, the light that was not followed shared out among those of the same ray."""
+    brought = np.bincount(ways.ray, ways.weight, len(lost))
+    factor = ((brought + lost) / np.maximum(brought, ENOUGH))[ways.ray]
+    return Ways(
+        ways.ray,
+        ways.path,
+        ways.weight * factor,
+        ways.colour * factor[:, None],
+        ways.origin,
+        ways.direction,
+        ways.distance,
+        ways.triangle,
+    )
+
+
+def ending(
+    rays: PictureRays,
+    shown: Shown,
+    label: np.ndarray,
+    size: tuple[int, int],
+    within: np.ndarray,
+) -> np.ndarray:
+    """Numbers (N,), rising, of the pixels in which ways end or are stretched.
+
+    Parameters
+    ----------
+    rays : one ray a pixel. label : (K,) what their ways meet; where another begins, a way ends.
+    within : (P,) the pixels that may be answered, rising.
+    """
+    width, height = size
+    rough = np.zeros(width * height, bool)
+    ways = rays.ways
+    paths, path = np.unique(ways.path, return_inverse=True)
+    pixel = rays.pixel[ways.ray]
+    code = pixel.astype(np.int64) * len(paths) + path
+    order = np.argsort(code, kind="stable")
+    sorted_code = code[order]
+    for step in (1, width):
+        x = pixel % width
+        inner = (x + 1 < width) if step == 1 else (pixel + width < width * height)
+        for direction in (1, -1):
+            possible = inner if direction == 1 else ((x > 0) if step == 1 else (pixel >= width))
+            wanted = code + direction * step * len(paths)
+            place = np.minimum(np.searchsorted(sorted_code, wanted), len(code) - 1)
+            partner = order[place] if len(code) else place
+            found = possible & (sorted_code[place] == wanted) if len(code) else possible
+            ends = possible & ~found & (ways.weight > FAINT)
+            rough[pixel[ends]] = True
+            rough[pixel[ends] + direction * step] = True
+            if direction == -1:
+                continue
+            a, b = np.flatnonzero(found), partner[found]
+            strong = np.maximum(ways.weight[a], ways.weight[b]) > FAINT
+            a, b = a[strong], b[strong]
+            apart = np.linalg.norm(shown.pixels[a] - shown.pixels[b], axis=1)
+            same = (shown.view[a] == shown.view[b]) & (label[a] == label[b])
+            changed = ~same | ((shown.view[a] >= 0) & (apart > STRETCHED_PX))
+            some = a[changed]
+            rough[pixel[some]] = True
+            rough[pixel[some] + step] = True
+    return within[rough[within]]
