@@ -12,12 +12,14 @@ import numpy as np
 from ..read.viewpoint import Viewpoint
 from .hits import Shown, Ways
 
-SIDE = 3
-"""Rays along either axis of a pixel in which ways end."""
-FAINT = 0.02
-"""Part of the light below which the end of a way is not looked at."""
-STRETCHED_PX = 1.8
-"""Between the hits of neighbouring pixels, in a view's pixels: above, one ray is too few."""
+SIDES = ((2, 0.03), (3, 0.2))
+"""Rays along either axis of a pixel in which ways end, by the part of the light that ends there."""
+STEADY_PX = 1.5
+"""Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
+STRETCH = 0.07
+"""What each pixel beyond counts, times the way's part of the light, beside light that ends."""
+MOST_STRETCHED_PX = 4.0
+"""Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
 ENOUGH = 0.25
 """Part of a ray's light that must have been followed to stand for all of it."""
 FILTER_SIGMA = {"CYCLES": 0.142, "BLENDER_EEVEE": 0.284, "BLENDER_WORKBENCH": 0.35}
@@ -65,9 +67,11 @@ def centre_rays(view: Viewpoint, pixels: np.ndarray, follow: Follow) -> PictureR
     return _rays(view, pixels, np.zeros((1, 2)), follow)
 
 
-def finer_rays(view: Viewpoint, pixels: np.ndarray, sigma: float, follow: Follow) -> PictureRays:
-    """`SIDE`² rays in each pixel (N,), spread as the pixel filter weighs places."""
-    steps = sigma * _bell_means(SIDE)
+def finer_rays(
+    view: Viewpoint, pixels: np.ndarray, side: int, sigma: float, follow: Follow
+) -> PictureRays:
+    """``side``² rays in each pixel (N,), spread as the pixel filter weighs places."""
+    steps = sigma * _bell_means(side)
     places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     return _rays(view, pixels, places, follow)
 
@@ -117,48 +121,47 @@ def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:
 
 
 def ending(
-    rays: PictureRays,
-    shown: Shown,
-    label: np.ndarray,
-    size: tuple[int, int],
-    within: np.ndarray,
+    rays: PictureRays, shown: Shown, label: np.ndarray, size: tuple[int, int]
 ) -> np.ndarray:
-    """Numbers (N,), rising, of the pixels in which ways end or are stretched.
+    """(width · height,) the part of each pixel's light whose ways end there or are stretched.
 
     Parameters
     ----------
     rays : one ray a pixel. label : (K,) what their ways meet; where another begins, a way ends.
-    within : (P,) the pixels that may be answered, rising.
     """
     width, height = size
-    rough = np.zeros(width * height, bool)
+    rough = np.zeros(width * height)
     ways = rays.ways
+    if not len(ways):
+        return rough
     paths, path = np.unique(ways.path, return_inverse=True)
     pixel = rays.pixel[ways.ray]
     code = pixel.astype(np.int64) * len(paths) + path
     order = np.argsort(code, kind="stable")
     sorted_code = code[order]
-    for step in (1, width):
-        x = pixel % width
-        inner = (x + 1 < width) if step == 1 else (pixel + width < width * height)
-        for direction in (1, -1):
-            possible = inner if direction == 1 else ((x > 0) if step == 1 else (pixel >= width))
-            wanted = code + direction * step * len(paths)
+
+    def mark(which: np.ndarray, step: int, light: np.ndarray) -> None:
+        for place in (pixel[which], pixel[which] + step):
+            np.maximum.at(rough, place, light)
+
+    for axis, step in enumerate((1, width)):
+        last = (width, height)[axis] - 1
+        place_on_axis = pixel % width if axis == 0 else pixel // width
+        for sign in (1, -1):
+            possible = place_on_axis < last if sign == 1 else place_on_axis > 0
+            wanted = code + sign * step * len(paths)
             place = np.minimum(np.searchsorted(sorted_code, wanted), len(code) - 1)
-            partner = order[place] if len(code) else place
-            found = possible & (sorted_code[place] == wanted) if len(code) else possible
-            ends = possible & ~found & (ways.weight > FAINT)
-            rough[pixel[ends]] = True
-            rough[pixel[ends] + direction * step] = True
-            if direction == -1:
+            found = possible & (sorted_code[place] == wanted)
+            ends = np.flatnonzero(possible & ~found)
+            mark(ends, sign * step, ways.weight[ends])
+            if sign == -1:
                 continue
-            a, b = np.flatnonzero(found), partner[found]
-            strong = np.maximum(ways.weight[a], ways.weight[b]) > FAINT
-            a, b = a[strong], b[strong]
+            a, b = np.flatnonzero(found), order[place[found]]
+            weight = np.maximum(ways.weight[a], ways.weight[b])
             apart = np.linalg.norm(shown.pixels[a] - shown.pixels[b], axis=1)
-            same = (shown.view[a] == shown.view[b]) & (label[a] == label[b])
-            changed = ~same | ((shown.view[a] >= 0) & (apart > STRETCHED_PX))
-            some = a[changed]
-            rough[pixel[some]] = True
-            rough[pixel[some] + step] = True
-    return within[rough[within]]
+            looked_up = (shown.view[a] == shown.view[b]) & (shown.view[a] >= 0)
+            # Elsewhere nothing has filtered what lies between the two.
+            begins = (shown.view[a] != shown.view[b]) | (label[a] != label[b])
+            stretched = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
+            mark(a, step, weight * np.where(looked_up, stretched, begins))
+    return rough

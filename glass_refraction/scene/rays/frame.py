@@ -16,7 +16,7 @@ from ..memory import counters
 from ..read.glasses import Glass, as_body
 from ..read.viewpoint import Viewpoint
 from .caster import Caster
-from .exits import PictureRays, centre_rays, ending, filter_sigma, finer_rays, grid
+from .exits import SIDES, PictureRays, centre_rays, ending, filter_sigma, finer_rays, grid
 from .hits import KNOWN, UNSEEN, Scene, Shown, Ways, place_captures, show
 from .radiance import Sky, known_light, stand_ins, sun_light
 from .samples import Packed, PackedPixels, pack, strongest
@@ -199,17 +199,16 @@ def _followed(frame: FrameInput, scene: Scene, direct: RadianceView, bodies, sca
     )
     views = [direct, *captures]
     shown = show(scene, views, coarse.ways)
-    rough = ending(coarse, shown, _labels(scene, coarse.ways), view.size, pixels)
+    rough = ending(coarse, shown, _labels(scene, coarse.ways), view.size)[pixels]
     sigma = filter_sigma(frame.engine, frame.filter_size)
-    fine = finer_rays(view, rough, sigma, follow)
-    fine_shown = show(scene, views, fine.ways)
-    keep = ~np.isin(coarse.pixel, rough)[coarse.ways.ray]
-    rays = _together(coarse, fine, keep)
-    shown = Shown(
-        np.concatenate((shown.view[keep], fine_shown.view)),
-        np.concatenate((shown.pixels[keep], fine_shown.pixels)),
-    )
-    return rays, shown, captures
+    keep = (rough <= SIDES[0][1])[coarse.ways.ray]
+    parts = [(PictureRays(coarse.pixel, coarse.share, coarse.ways.take(keep)), shown.take(keep))]
+    limits = [limit for _, limit in SIDES[1:]] + [np.inf]
+    for (side, least), most in zip(SIDES, limits, strict=True):
+        some = pixels[(rough > least) & (rough <= most)]
+        fine = finer_rays(view, some, side, sigma, follow)
+        parts.append((fine, show(scene, views, fine.ways)))
+    return _together([rays for rays, _ in parts]), Shown.joined([s for _, s in parts]), captures
 
 
 def _bands(glasses: Sequence[Glass]) -> list[tuple[str, list[optics.PlacedGlass]]]:
@@ -253,14 +252,17 @@ def _labels(scene: Scene, ways: Ways) -> np.ndarray:
     return label
 
 
-def _together(coarse: PictureRays, fine: PictureRays, keep: np.ndarray) -> PictureRays:
-    """Rays of smooth pixels and of the others."""
-    kept = coarse.ways.take(keep)
-    later = replace(fine.ways, ray=fine.ways.ray + len(coarse.pixel))
+def _together(parts: list[PictureRays]) -> PictureRays:
+    """Rays of several kinds of pixels, numbered one after another."""
+    starts = np.cumsum([0, *(len(part.pixel) for part in parts)])
+    ways = [
+        replace(part.ways, ray=part.ways.ray + start)
+        for part, start in zip(parts, starts[:-1], strict=True)
+    ]
     return PictureRays(
-        np.concatenate((coarse.pixel, fine.pixel)),
-        np.concatenate((coarse.share, fine.share)),
-        Ways.joined([kept, later]),
+        np.concatenate([part.pixel for part in parts]),
+        np.concatenate([part.share for part in parts]),
+        Ways.joined(ways),
     )
 
 

@@ -84,6 +84,18 @@ class Shown:
     view: np.ndarray
     pixels: np.ndarray
 
+    def take(self, which: np.ndarray) -> Shown:
+        """Some of them."""
+        return Shown(self.view[which], self.pixels[which])
+
+    @staticmethod
+    def joined(parts: list[Shown]) -> Shown:
+        """All of several."""
+        return Shown(
+            np.concatenate([part.view for part in parts]),
+            np.concatenate([part.pixels for part in parts]),
+        )
+
 
 class Scene:
     """The things that ways meet, ready to be looked for in views."""
@@ -104,6 +116,13 @@ class Scene:
         some = np.flatnonzero(~ways.is_sky)
         known[some] = self._is_lamp[self.things.surface[ways.triangle[some]]]
         return known
+
+    def is_glossy(self, ways: Ways) -> np.ndarray:
+        """(K,) whose hit looks different from elsewhere."""
+        found = np.zeros(len(ways), bool)
+        some = np.flatnonzero(~ways.is_sky)
+        found[some] = self._is_glossy[self.things.surface[ways.triangle[some]]]
+        return found
 
     def worth(self, view: RadianceView, ways: Ways, direct: bool) -> tuple[np.ndarray, np.ndarray]:
         """How well a view would show each hit (K,), 0 where it lies outside, and its pixels there."""
@@ -158,23 +177,39 @@ def show(scene: Scene, views: list[RadianceView], ways: Ways) -> Shown:
     known = scene.is_known(ways)
     chosen[known] = KNOWN
     rows = np.flatnonzero(~known)
+    numbered = dict(enumerate(views))
+    # What a glossy surface shows depends on where it is seen from: all views are compared. Else
+    # the direct picture, which has the most samples, shows what it can.
+    glossy = scene.is_glossy(ways)[rows]
+    _choose(scene, numbered, ways, rows[glossy], chosen, pixels)
+    matte = rows[~glossy]
+    _choose(scene, {0: views[0]}, ways, matte, chosen, pixels)
+    captures = {number: view for number, view in numbered.items() if number}
+    _choose(scene, captures, ways, matte[chosen[matte] == UNSEEN], chosen, pixels)
+    return Shown(chosen, pixels)
+
+
+def _choose(scene: Scene, views: dict[int, RadianceView], ways: Ways, rows, chosen, pixels) -> None:
+    """Put the view that shows each of some ways' hits best, and its pixels there, into arrays."""
+    if not len(rows) or not views:
+        return
+    numbers = list(views)
     some = ways.take(rows)
-    judged = [scene.worth(view, some, number == 0) for number, view in enumerate(views)]
+    judged = [scene.worth(views[number], some, number == 0) for number in numbers]
     worth = np.stack([w for w, _ in judged])
-    for _ in views:
+    for _ in numbers:
         best = worth.argmax(axis=0)
         live = worth[best, np.arange(len(rows))] > 0.0
-        for number, view in enumerate(views):
-            here = np.flatnonzero(live & (best == number))
+        for place, number in enumerate(numbers):
+            here = np.flatnonzero(live & (best == place))
             if not len(here):
                 continue
-            seen = scene.sees(view, some.take(here))
+            seen = scene.sees(views[number], some.take(here))
             found = here[seen]
             chosen[rows[found]] = number
-            pixels[rows[found]] = judged[number][1][found]
-            worth[number, here] = 0.0
+            pixels[rows[found]] = judged[place][1][found]
+            worth[place, here] = 0.0
             worth[:, found] = 0.0
-    return Shown(chosen, pixels)
 
 
 def place_captures(

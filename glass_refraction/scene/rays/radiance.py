@@ -12,7 +12,7 @@ from .hits import KNOWN, UNSEEN, Shown, Ways
 from .lamps import Sun
 from .things import Things
 
-COMPARED = 1500
+COMPARED = 400
 """Hits of one surface among which the nearest is looked for, for one that no view shows."""
 BLOCK = 4096
 """Hits compared at a time."""
