@@ -420,7 +420,6 @@ class _Followed:
         # Long ways, round in a wall, must carry more.
         least = self.min_weight * np.maximum(1.0, events / PLAIN)
         least[straight] = 0.0
-        code = (met.glass.astype(np.int64) * STAMPS + met.interface) * 2 + 1
         weights = live.weight * (1.0 - reflectance), live.weight * reflectance
         kept, dropped = [], [(live.ray[:0], live.weight[:0])]
         for number, weight in enumerate(weights):
@@ -436,11 +435,15 @@ class _Followed:
         through.direction, through.weight = turned[:, on], weights[0][on]
         through.medium, through.entered = met.after[:, on], entered[:, on]
         through.events = events[on]
-        through.path = np.where(straight[on], through.path, _fold(through.path, code[on]))
+        through.path = np.where(
+            straight[on],
+            through.path,
+            _fold(through.path, _interface_code(met.glass[on], met.interface[on], False)),
+        )
         through.skip = np.zeros(len(on))
         off = live.take(back)
         off.direction, off.weight, off.events = mirrored[:, back], weights[1][back], events[back]
-        off.path = _fold(off.path, code[back] + 1)
+        off.path = _fold(off.path, _interface_code(met.glass[back], met.interface[back], True))
         # A thing that touches is on the other side, whatever the rounding of its distance.
         off.skip = np.where(touched[back], 2.0 * near[back], 0.0)
         meets = touched & passed
@@ -566,6 +569,11 @@ def _turned(matrix: Floats, vectors: Floats) -> Floats:
     for row, (a, b, c) in enumerate(matrix):
         found[row] = a * vectors[0] + b * vectors[1] + c * vectors[2]
     return found
+
+
+def _interface_code(glass, interface, reflected: bool) -> NDArray[np.int64]:
+    """A number for what happens at an interface."""
+    return (glass.astype(np.int64) * STAMPS + interface) * 2 + 1 + reflected
 
 
 def _fold(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint64]:
