@@ -216,10 +216,6 @@ class _Live:
     """Rays on their way, in the world; the last axis counts them.
 
     `medium`: of each glass, 0 outside it. `entered`: the step in which each glass was entered.
-    `skip`: how far ahead things are looked for; nearer ones touch the interface from the other
-    side. `aside`: (3, L) from where a ray starts to where meshes are looked for, off the face that
-    it left (C. Wächter and N. Binder, A Fast and Robust Method for Avoiding Self-Intersection, Ray
-    Tracing Gems, 2019); (0, L) where there are no meshes.
     """
 
     ray: NDArray[np.intp]
@@ -231,8 +227,6 @@ class _Live:
     path: NDArray[np.uint64]
     medium: NDArray[np.int8]
     entered: NDArray[np.int16]
-    skip: Floats
-    aside: Floats
 
     def __len__(self) -> int:
         return len(self.ray)
@@ -358,8 +352,6 @@ class _Followed:
             path=np.zeros(count, dtype=np.uint64),
             medium=medium,
             entered=np.zeros((glasses, count), dtype=np.int16),
-            skip=np.zeros(count),
-            aside=np.zeros((3 if self.meshes else 0, count)),
         )
 
     # ---- one step -----------------------------------------------------------------------
@@ -396,7 +388,7 @@ class _Followed:
             glass=np.full(count, -1, dtype=np.int16),
             interface=np.zeros(count, dtype=np.int32),
             normal=np.zeros((3, count)),
-            flat=np.zeros(live.aside.shape),
+            flat=np.zeros((3 if self.meshes else 0, count)),
             after=live.medium.copy(),
             leaked=np.zeros(count, dtype=bool),
         )
@@ -447,11 +439,10 @@ class _Followed:
             some = np.flatnonzero(inside)
         if not len(some):
             return []
-        aside, along = live.aside[:, some], live.direction[:, some]
-        origins = np.ascontiguousarray((live.place[:, some] + aside).T)
+        along = live.direction[:, some]
+        origins = np.ascontiguousarray(live.place[:, some].T)
         glass, way, flat, smooth = self.ask(origins, np.ascontiguousarray(along.T))
         found = []
-        ahead = _dot(aside, along)
         rows = (np.asarray(part).reshape(-1, *part.shape[-1:]) for part in (glass, way))
         vectors = (
             np.asarray(part, dtype=float).reshape(-1, len(some), 3) for part in (flat, smooth)
@@ -463,9 +454,8 @@ class _Followed:
             lost = ~smooths.any(axis=0)
             smooths[:, lost] = flats[:, lost]
             beyond = (_dot(flats, along[:, on]) < 0.0).astype(np.int8)
-            ways = np.maximum(ways[on] + ahead[on], 0.0)
             found.append(
-                _Faces(some[on], ways, numbers[on].astype(np.intp), beyond, flats, smooths)
+                _Faces(some[on], ways[on], numbers[on].astype(np.intp), beyond, flats, smooths)
             )
         return found
 
@@ -479,9 +469,8 @@ class _Followed:
             some = np.flatnonzero(_meets_boxes(self.things, live, met.way))
             if not len(some):
                 return free
-        place, along, skip = live.place[:, some], live.direction[:, some], live.skip[some]
-        origins = np.ascontiguousarray((place + skip * along).T)
-        free[some] = self.cast(origins, np.ascontiguousarray(along.T)) + skip
+        origins = np.ascontiguousarray(live.place[:, some].T)
+        free[some] = self.cast(origins, np.ascontiguousarray(live.direction[:, some].T))
         return free
 
     def split(self, live: _Live, met: _Met, touched, near, lost: Floats) -> _Live:
@@ -555,16 +544,15 @@ class _Followed:
             through.path,
             _fold(through.path, _interface_code(met.glass[on], met.interface[on], False)),
         )
-        through.skip = np.zeros(len(on))
         if self.meshes:
-            through.aside = -2.0 * near[on] * flat[:, on]
+            # Off all faces that were passed here, which float32 puts a little before or behind.
+            through.place -= CLEARANCE * near[on] * flat[:, on]
         off = live.take(back)
         off.direction, off.weight, off.events = mirrored[:, back], weights[1][back], events[back]
         off.path = _fold(off.path, _interface_code(met.glass[back], met.interface[back], True))
         # A thing that touches is on the other side, whatever the rounding of its distance.
-        off.skip = np.where(touched[back], 2.0 * near[back], 0.0)
-        if self.meshes:
-            off.aside = 2.0 * near[back] * flat[:, back]
+        aside = near[back] if self.meshes else np.where(touched[back], near[back], 0.0)
+        off.place += CLEARANCE * aside * flat[:, back]
         meets = touched & passed
         if meets.any():
             seen = through.take(meets[on])
@@ -574,6 +562,11 @@ class _Followed:
         ray, weight = (np.concatenate(column) for column in zip(*dropped, strict=True))
         return seen, _Live.join([through, off]), (ray, weight)
 
+
+CLEARANCE = 2.0
+"""Distance, in those within which surfaces touch, that rays are put off an interface where rounding
+must not let them meet it again (C. Wächter and N. Binder, A Fast and Robust Method for Avoiding
+Self-Intersection, Ray Tracing Gems, 2019). Closed forms need none: their sides tell."""
 
 LEAST = 1e-300
 """Stands for a square of 0."""
