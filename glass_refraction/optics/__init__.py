@@ -13,7 +13,7 @@ from .chains import (
     trace_chain,
 )
 from .dispersion import LINES, dispersed_ior
-from .exit_rays import ExitRays, PlacedGlass, exit_rays
+from .exit_rays import ExitRays, PlacedGlass, PlacedMesh, exit_rays
 from .glasses import CylinderGlass, FlatGlass, SphereGlass
 from .images import ApparentPoints
 from .interpolation import edge_gaps, edges_to_split, triangle_gaps
@@ -38,6 +38,7 @@ __all__ = [
     "Pair",
     "ParallelView",
     "PlacedGlass",
+    "PlacedMesh",
     "RayEnds",
     "RevolutionGlass",
     "SphereGlass",

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .axial import ENDLESS, PLAIN, BoundedGlass, nearest_marked
+from .glasses import _positive
 from .laws import reflectance_and_cosine
 from .profiles import Profile
 from .solver import in_blocks
@@ -78,9 +79,15 @@ class PlacedGlass:
 
     @cached_property
     def _ball(self) -> tuple[Floats, float]:
-        """Middle and radius of a ball round the body, in its frame and unit of length."""
-        low, high = self.body.box / self.body.scale
-        return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+        """Middle and radius of a ball round the body in the world, metres."""
+        low, high = self.body.box
+        middle = self.pose[:3, :3] @ (0.5 * (low + high)) + self.pose[:3, 3]
+        return middle, 0.5 * float(np.linalg.norm(high - low)) * (1.0 + ROUNDING)
+
+    @property
+    def absorptions(self) -> ArrayLike | None:
+        """Of each of `media`, per metre."""
+        return self.absorption
 
     def inward(self, place: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Places and directions (3, M) of the world in the body's frame and unit of length."""
@@ -90,14 +97,53 @@ class PlacedGlass:
         return local, _turned(turn, direction)
 
     def near(self, place: Floats, direction: Floats) -> NDArray[np.bool_]:
-        """Which rays in the body's frame pass through the ball round it."""
+        """Which rays of the world, (3, M) each, pass through a ball round the body."""
         middle, radius = self._ball
         away = place - middle[:, None]
         square = _dot(away, away)
         along = _dot(away, direction)
         # What rounding takes from the difference of squares is given back.
-        least = radius * radius * (1.0 + ROUNDING) + ROUNDING * square
+        least = radius * radius + ROUNDING * square
         return (square - along * along <= least) & ((along < 0.0) | (square <= least))
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedMesh:
+    """A glass that is a mesh. Where it is, the callback `meet` of `exit_rays` tells.
+
+    The front of a face is outside: a ray that meets a front is behind it in the glass, one that
+    meets a back was in the glass before, whatever it met before. So a mesh need not be closed, and
+    is treated as Cycles treats it. A ray that starts in a mesh is known to be in it from the first
+    of its faces that it meets.
+
+    Parameters
+    ----------
+    ior : float
+    absorption : (3,), optional
+        Absorption coefficients per metre, red, green, blue.
+    priority : int
+        As of `PlacedGlass`.
+    box : (2, 3), optional
+        Lower and upper corner of a box round it in the world, metres: other rays are not asked for.
+    """
+
+    ior: float
+    absorption: ArrayLike | None = None
+    priority: int = 0
+    box: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ior", _positive("ior", self.ior))
+
+    @property
+    def media(self) -> tuple[float, ...]:
+        """The ior of what is around it, where nothing else is, and its own."""
+        return (1.0, self.ior)
+
+    @property
+    def absorptions(self) -> ArrayLike | None:
+        """Of each of `media`, per metre."""
+        return None if self.absorption is None else np.array([(0.0, 0.0, 0.0), self.absorption])
 
 
 RIGID = 1e-6
@@ -153,17 +199,27 @@ class ExitRays:
     steps: int
 
 
+Placed = PlacedGlass | PlacedMesh
+
 Cast = Callable[[Floats, Floats], tuple[Floats, NDArray[np.intp]]]
 """(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none, and
 its number (L,), -1 for none."""
+
+Meet = Callable[[Floats, Floats], tuple[NDArray[np.intp], Floats, Floats, Floats]]
+"""(origins (L, 3), unit directions (L, 3)) -> of the next face of a mesh that is a glass: number of
+the glass (L,) in the list of all, metres (L,) to it, inf for none, the face's normal (L, 3) and the
+interpolated one, both towards its front, not necessarily unit.
+
+Meshes that touch each other must be told apart: then each result has a first axis more, (H, L) and
+(H, L, 3), with the next face of one group of meshes in each row.
+"""
 
 
 @dataclass
 class _Live:
     """Rays on their way, in the world; the last axis counts them.
 
-    `medium`: of each glass, 0 outside it. `entered`: events before each glass was entered. `skip`:
-    how far ahead things are looked for; nearer ones touch the interface from the other side.
+    `medium`: of each glass, 0 outside it. `entered`: the step in which each glass was entered.
     """
 
     ray: NDArray[np.intp]
@@ -175,7 +231,6 @@ class _Live:
     path: NDArray[np.uint64]
     medium: NDArray[np.int8]
     entered: NDArray[np.int16]
-    skip: Floats
 
     def __len__(self) -> int:
         return len(self.ray)
@@ -195,14 +250,16 @@ class _Live:
 class _Met:
     """The next interface of every ray: way to it (inf: none), glass, interface, unit normal (3, L).
 
-    `after`: medium of every glass behind it. `leaked`: the ray is in a glass of which it meets
-    nothing, by rounding.
+    `flat`: normals of a mesh's faces, where there are meshes, else (0, L); `normal` then is the
+    interpolated one. `after`: medium of every glass behind it. `leaked`: the ray is in a glass of
+    which it meets nothing, by rounding.
     """
 
     way: Floats
     glass: NDArray[np.int16]
     interface: NDArray[np.int32]
     normal: Floats
+    flat: Floats
     after: NDArray[np.int8]
     leaked: NDArray[np.bool_]
 
@@ -213,8 +270,8 @@ class _Met:
 class _Media:
     """What holds where: tables of all media of all glasses."""
 
-    def __init__(self, glasses: Sequence[PlacedGlass]) -> None:
-        around = {glass.media[0] for glass in glasses}
+    def __init__(self, glasses: Sequence[Placed]) -> None:
+        around = {glass.media[0] for glass in glasses if isinstance(glass, PlacedGlass)}
         if len(around) > 1:
             raise ValueError(f"glasses must have the same surroundings, not ior {sorted(around)}")
         if len(glasses) >= STAMPS:
@@ -226,9 +283,9 @@ class _Media:
         for number, glass in enumerate(glasses):
             count = len(glass.media)
             self.ior[number, 1:count] = glass.media[1:]
-            if glass.absorption is None:
+            if glass.absorptions is None:
                 continue
-            table = np.asarray(glass.absorption, dtype=float)
+            table = np.asarray(glass.absorptions, dtype=float)
             if table.shape != (count, 3):
                 raise ValueError(f"absorption must be ({count}, 3), not of shape {table.shape}")
             self.absorption[number, 1:count] = table[1:]
@@ -258,17 +315,23 @@ class _Media:
 class _Followed:
     """One call of `exit_rays`."""
 
-    glasses: Sequence[PlacedGlass]
+    glasses: Sequence[Placed]
     min_weight: float
     most_events: int
     cast: Cast | None
+    ask: Meet | None
     fresnel: bool
     things: Floats | None
     media: _Media = field(init=False)
+    meshes: list[int] = field(init=False)
     rows: list[tuple[_Live, Floats, NDArray[np.intp]]] = field(default_factory=list)
+    steps: int = 0
 
     def __post_init__(self) -> None:
         self.media = _Media(self.glasses)
+        self.meshes = [n for n, glass in enumerate(self.glasses) if isinstance(glass, PlacedMesh)]
+        if self.meshes and self.ask is None:
+            raise ValueError("meet must tell where the glasses are that are meshes, not None")
 
     # ---- the start ----------------------------------------------------------------------
 
@@ -279,6 +342,8 @@ class _Followed:
         medium = np.zeros((glasses, count), dtype=np.int8)
         places = origin[None] if single else origin[proper]
         for number, glass in enumerate(self.glasses):
+            if number in self.meshes:
+                continue
             turn, middle = glass.pose[:3, :3], glass.pose[:3, 3]
             medium[number] = glass.body.medium_at((places - middle) @ turn)
         return _Live(
@@ -291,13 +356,13 @@ class _Followed:
             path=np.zeros(count, dtype=np.uint64),
             medium=medium,
             entered=np.zeros((glasses, count), dtype=np.int16),
-            skip=np.zeros(count),
         )
 
     # ---- one step -----------------------------------------------------------------------
 
     def step(self, live: _Live, lost: Floats) -> _Live:
         """The rays behind their next interface; those that end are kept in `rows`."""
+        self.steps += 1
         met = self.meet(live)
         free, thing = self.look(live, met)
         reach = np.abs(live.place).max(axis=0)
@@ -327,37 +392,76 @@ class _Followed:
             glass=np.full(count, -1, dtype=np.int16),
             interface=np.zeros(count, dtype=np.int32),
             normal=np.zeros((3, count)),
+            flat=np.zeros((3 if self.meshes else 0, count)),
             after=live.medium.copy(),
             leaked=np.zeros(count, dtype=bool),
         )
+        sheets = self.meet_meshes(live) if self.meshes else []
 
         def work(block: slice) -> None:
-            found = []
+            found: list[_Meeting | _Faces] = [sheet.within(block) for sheet in sheets]
             for number, glass in enumerate(self.glasses):
-                found += _meetings(number, glass, live, block, met)
+                if isinstance(glass, PlacedGlass):
+                    found += _meetings(number, glass, live, block, met)
             way = met.way[block]
             for meeting in found:
                 way[meeting.index] = np.minimum(way[meeting.index], meeting.way)
-            # Of interfaces that touch the glass of the highest priority tells what happens.
-            found.sort(key=lambda meeting: self.media.rank[meeting.number])
-            near = np.abs(live.place[:, block]).max(axis=0) if len(self.glasses) > 1 else None
+            reach = np.abs(live.place[:, block]).max(axis=0) if len(found) > 1 else None
+            telling = np.full(len(way), NOWHERE)
             for meeting in found:
-                index = meeting.index
-                if near is not None:
-                    reach = np.maximum(near[index], way[index])
-                    here = np.flatnonzero(meeting.way <= way[index] + TOUCHING * reach)
-                    meeting = meeting.take(here)
-                    index = meeting.index
-                if not len(index):
+                if reach is not None:
+                    nearest = way[meeting.index]
+                    near = TOUCHING * np.maximum(reach[meeting.index], nearest)
+                    meeting = meeting.take(np.flatnonzero(meeting.way <= nearest + near))
+                if not len(meeting.index):
                     continue
-                index = index + block.start
+                index = meeting.index + block.start
+                met.after[meeting.number, index] = meeting.beyond
+                if isinstance(meeting, _Faces):
+                    live.medium[meeting.number, index] = 1 - meeting.beyond
+                # Of interfaces that touch, that of the highest priority tells what happens.
+                rank = self.media.rank[meeting.number]
+                first = np.flatnonzero(rank > telling[meeting.index])
+                meeting, index = meeting.take(first), index[first]
+                telling[meeting.index] = self.media.rank[meeting.number]
                 met.glass[index] = meeting.number
                 met.interface[index] = meeting.interface
-                met.normal[:, index] = meeting.normals()
-                met.after[meeting.number, index] = meeting.beyond
+                met.normal[:, index], flat = meeting.normals()
+                if self.meshes:
+                    met.flat[:, index] = flat
 
         in_blocks(work, count)
         return met
+
+    def meet_meshes(self, live: _Live) -> list[_Faces]:
+        """The next faces of meshes, for those rays that can meet one."""
+        boxes = [self.glasses[number].box for number in self.meshes]
+        some = np.arange(len(live))
+        if not any(box is None for box in boxes):
+            inside = (live.medium[self.meshes] > 0).any(axis=0)
+            inside |= _meets_boxes(np.asarray(boxes, dtype=float), live, np.full(len(live), np.inf))
+            some = np.flatnonzero(inside)
+        if not len(some):
+            return []
+        along = live.direction[:, some]
+        origins = np.ascontiguousarray(live.place[:, some].T)
+        glass, way, flat, smooth = self.ask(origins, np.ascontiguousarray(along.T))
+        found = []
+        rows = (np.asarray(part).reshape(-1, *part.shape[-1:]) for part in (glass, way))
+        vectors = (
+            np.asarray(part, dtype=float).reshape(-1, len(some), 3) for part in (flat, smooth)
+        )
+        for numbers, ways, flats, smooths in zip(*rows, *vectors, strict=True):
+            on = np.flatnonzero(np.isfinite(ways))
+            on = on[np.abs(flats[on]).max(axis=1, initial=0.0) > 0.0]
+            flats, smooths = _units(flats[on].T), _units(smooths[on].T)
+            lost = ~smooths.any(axis=0)
+            smooths[:, lost] = flats[:, lost]
+            beyond = (_dot(flats, along[:, on]) < 0.0).astype(np.int8)
+            found.append(
+                _Faces(some[on], ways[on], numbers[on].astype(np.intp), beyond, flats, smooths)
+            )
+        return found
 
     def look(self, live: _Live, met: _Met) -> tuple[Floats, NDArray[np.intp]]:
         """Metres (L,) to the nearest thing, looked for where one can be, and its number."""
@@ -369,10 +473,9 @@ class _Followed:
             some = np.flatnonzero(_meets_boxes(self.things, live, met.way))
             if not len(some):
                 return free, thing
-        place, along, skip = live.place[:, some], live.direction[:, some], live.skip[some]
-        origins = np.ascontiguousarray((place + skip * along).T)
-        distance, thing[some] = self.cast(origins, np.ascontiguousarray(along.T))
-        free[some] = distance + skip
+        origins = np.ascontiguousarray(live.place[:, some].T)
+        along = np.ascontiguousarray(live.direction[:, some].T)
+        free[some], thing[some] = self.cast(origins, along)
         return free, thing
 
     def split(self, live: _Live, met: _Met, touched, thing, near, lost: Floats) -> _Live:
@@ -403,30 +506,30 @@ class _Followed:
         live.place += met.way * live.direction
         direction = live.direction
         glass, medium = self.media.holding(live.medium, live.entered)
-        entered = np.where(
-            (met.after > 0) & (live.medium == 0), (live.events + 1).astype(np.int16), live.entered
-        )
+        entered = np.where((met.after > 0) & (live.medium == 0), self.steps, live.entered)
+        entered = entered.astype(np.int16)
         glass_after, medium_after = self.media.holding(met.after, entered)
         straight = (glass == glass_after) & (medium == medium_after)
         eta = self.media.ior[glass, medium] / self.media.ior[glass_after, medium_after]
-        towards = _dot(met.normal, direction)
-        normal = met.normal * np.where(towards > 0.0, -1.0, 1.0)
-        cosine = np.minimum(np.abs(towards), 1.0)
+        flat = normal = _against(met.normal, direction)
+        if self.meshes:
+            flat = met.flat * np.where(_dot(met.flat, direction) > 0.0, -1.0, 1.0)
+            # The interpolated normal stays on the face's side, whatever side the ray is on.
+            normal = met.normal * np.where(_dot(met.flat, direction) > 0.0, -1.0, 1.0)
+            normal = _bent(normal, flat, direction, eta)
+        cosine = np.minimum(np.maximum(-_dot(normal, direction), 0.0), 1.0)
         reflectance, behind = reflectance_and_cosine(cosine, eta)
         if not self.fresnel:
             reflectance = np.where(behind > 0.0, 0.0, 1.0)
         reflectance[straight] = 0.0
-        turned = eta * direction + (eta * cosine - behind) * normal
-        turned /= np.sqrt(np.maximum(_dot(turned, turned), LEAST))
+        turned = _refracted(direction, normal, cosine, behind, eta)
         turned = np.where(straight, direction, turned)
-        mirrored = direction + (2.0 * cosine) * normal
-        mirrored /= np.sqrt(_dot(mirrored, mirrored))
+        mirrored = _units(direction + (2.0 * cosine) * normal)
 
         events = live.events + ~straight
         # Long ways, round in a wall, must carry more.
         least = self.min_weight * np.maximum(1.0, events / PLAIN)
         least[straight] = 0.0
-        code = (met.glass.astype(np.int64) * STAMPS + met.interface) * 2 + 1
         weights = live.weight * (1.0 - reflectance), live.weight * reflectance
         kept, dropped = [], [(live.ray[:0], live.weight[:0])]
         for number, weight in enumerate(weights):
@@ -442,13 +545,20 @@ class _Followed:
         through.direction, through.weight = turned[:, on], weights[0][on]
         through.medium, through.entered = met.after[:, on], entered[:, on]
         through.events = events[on]
-        through.path = np.where(straight[on], through.path, _fold(through.path, code[on]))
-        through.skip = np.zeros(len(on))
+        through.path = np.where(
+            straight[on],
+            through.path,
+            _fold(through.path, _interface_code(met.glass[on], met.interface[on], False)),
+        )
+        if self.meshes:
+            # Off all faces that were passed here, which float32 puts a little before or behind.
+            through.place -= CLEARANCE * near[on] * flat[:, on]
         off = live.take(back)
         off.direction, off.weight, off.events = mirrored[:, back], weights[1][back], events[back]
-        off.path = _fold(off.path, code[back] + 1)
+        off.path = _fold(off.path, _interface_code(met.glass[back], met.interface[back], True))
         # A thing that touches is on the other side, whatever the rounding of its distance.
-        off.skip = np.where(touched[back], 2.0 * near[back], 0.0)
+        aside = near[back] if self.meshes else np.where(touched[back], near[back], 0.0)
+        off.place += CLEARANCE * aside * flat[:, back]
         meets = touched & passed
         if meets.any():
             seen = through.take(meets[on]), thing[on][meets[on]]
@@ -458,6 +568,11 @@ class _Followed:
         ray, weight = (np.concatenate(column) for column in zip(*dropped, strict=True))
         return seen, _Live.join([through, off]), (ray, weight)
 
+
+CLEARANCE = 2.0
+"""Distance, in those within which surfaces touch, that rays are put off an interface where rounding
+must not let them meet it again (C. Wächter and N. Binder, A Fast and Robust Method for Avoiding
+Self-Intersection, Ray Tracing Gems, 2019). Closed forms need none: their sides tell."""
 
 LEAST = 1e-300
 """Stands for a square of 0."""
@@ -486,8 +601,8 @@ class _Meeting:
         rays = self.rays.take(which)
         return _Meeting(self.number, self.glass, index, way, interface, mark, beyond, rays)
 
-    def normals(self) -> Floats:
-        """Unit normals (3, n) in the world."""
+    def normals(self) -> tuple[Floats, Floats]:
+        """Unit normals (3, n) in the world, for shading and of the surface: the same."""
         body = self.glass.body
         found = np.zeros((3, len(self.index)))
         place = self.rays.at(self.way / body.scale)
@@ -498,27 +613,57 @@ class _Meeting:
             marks = (self.mark[some],) if isinstance(surface, Profile) else ()
             for axis, part in enumerate(surface.normal(*here, *marks)):
                 found[axis, some] = part
-        return _turned(self.glass.pose[:3, :3], found)
+        found = _turned(self.glass.pose[:3, :3], found)
+        return found, found
 
 
-def _meetings(number: int, glass: PlacedGlass, live: _Live, block: slice, met: _Met) -> list:
+@dataclass
+class _Faces:
+    """Rays, by `index`, that meet faces of meshes; glass by `number`, unit normals (3, n)."""
+
+    index: NDArray[np.intp]
+    way: Floats
+    number: NDArray[np.intp]
+    beyond: NDArray[np.int8]
+    flat: Floats
+    smooth: Floats
+    interface: int = 0
+
+    def take(self, which) -> _Faces:
+        parts = self.index, self.way, self.number, self.beyond
+        return _Faces(*(part[which] for part in parts), self.flat[:, which], self.smooth[:, which])
+
+    def within(self, block: slice) -> _Faces:
+        """Those of a block of rays, counted from its first."""
+        first, last = np.searchsorted(self.index, (block.start, block.stop))
+        found = self.take(slice(first, last))
+        found.index = found.index - block.start
+        return found
+
+    def normals(self) -> tuple[Floats, Floats]:
+        """Unit normals (3, n) in the world, for shading and of the surface."""
+        return self.smooth, self.flat
+
+
+def _meetings(
+    number: int, glass: PlacedGlass, live: _Live, block: slice, met: _Met
+) -> list[_Meeting]:
     """The meetings of a block's rays with a glass, one for each medium of it that they are in."""
-    place, direction = glass.inward(live.place[:, block], live.direction[:, block])
-    media = live.medium[number, block]
+    place, direction, media = live.place[:, block], live.direction[:, block], live.medium[number]
+    media = media[block]
+    candidates = np.flatnonzero((media > 0) | glass.near(place, direction))
+    place, direction = glass.inward(place[:, candidates], direction[:, candidates])
+    media = media[candidates]
     body = glass.body
     found = []
     for medium in np.flatnonzero(np.bincount(media, minlength=1)):
-        here = media == medium
-        if medium == 0:
-            here &= glass.near(place, direction)
-        some = np.flatnonzero(here)
-        if not len(some):
-            continue
+        some = np.flatnonzero(media == medium)
         rays = Rays(tuple(place[:, some]), tuple(direction[:, some]))
         interface, way, mark = nearest_marked(body, int(medium), rays)
         on = np.flatnonzero(interface >= 0)
+        index = candidates[some]
         if medium not in body.endless:
-            met.leaked[block][some[interface < 0]] = True
+            met.leaked[block][index[interface < 0]] = True
         if not len(on):
             continue
         interface = interface[on]
@@ -527,7 +672,7 @@ def _meetings(number: int, glass: PlacedGlass, live: _Live, block: slice, met: _
             _Meeting(
                 number,
                 glass,
-                some[on],
+                index[on],
                 way[on] * body.scale,
                 interface,
                 mark[on],
@@ -574,6 +719,68 @@ def _turned(matrix: Floats, vectors: Floats) -> Floats:
     return found
 
 
+def _units(vectors: Floats) -> Floats:
+    """Vectors (3, L) made unit; 0 stays 0."""
+    return vectors / np.sqrt(np.maximum(_dot(vectors, vectors), LEAST))
+
+
+def _against(normal: Floats, direction: Floats) -> Floats:
+    """Normals (3, L) on the side that rays come from."""
+    return normal * np.where(_dot(normal, direction) > 0.0, -1.0, 1.0)
+
+
+def _refracted(direction, normal, cosine, behind, eta) -> Floats:
+    """Unit directions (3, L) behind a surface, the normal against `direction`."""
+    return _units(eta * direction + (eta * cosine - behind) * normal)
+
+
+def _bent(normal: Floats, flat: Floats, direction: Floats, eta: Floats) -> Floats:
+    """Interpolated normals turned towards the face's as little as is needed.
+
+    Behind them neither the reflected nor the refracted ray is on the wrong side of the face. (For
+    reflected rays that is what Cycles' ``ensure_valid_specular_reflection`` does, with the same
+    least angle to the face.)
+    """
+    grazing = np.minimum(-SHARE * _dot(flat, direction), CLEAR)
+    _, below = reflectance_and_cosine(np.clip(-_dot(flat, direction), 0.0, 1.0), eta)
+    sunk = np.minimum(SHARE * below, CLEAR)
+
+    def right(part, which) -> NDArray[np.bool_]:
+        d, f = direction[:, which], flat[:, which]
+        cosine = -_dot(part, d)
+        up = _dot(d, f) + 2.0 * cosine * _dot(part, f)
+        _, behind = reflectance_and_cosine(np.clip(cosine, 0.0, 1.0), eta[which])
+        down = -_dot(_refracted(d, part, cosine, behind, eta[which]), f)
+        total = behind == 0.0
+        return (cosine > 0.0) & (up >= grazing[which]) & (total | (down >= sunk[which]))
+
+    wrong = np.flatnonzero(~right(normal, slice(None)) & (normal != flat).any(axis=0))
+    if not len(wrong):
+        return normal
+    one, other = normal[:, wrong], flat[:, wrong]
+    low, high = np.zeros(len(wrong)), np.ones(len(wrong))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        enough = right(_units(one + middle * (other - one)), wrong)
+        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+    bent = normal.copy()
+    bent[:, wrong] = _units(one + high * (other - one))
+    return bent
+
+
+SHARE, CLEAR = 0.9, 0.01
+"""Least cosine between a ray that leaves a face and the face's normal: this share of that of the
+ray it comes from, or this, as in Cycles."""
+
+HALVINGS = 12
+"""By which the least turn of a normal is found: to 1/4096 of the whole."""
+
+
+def _interface_code(glass, interface, reflected: bool) -> NDArray[np.int64]:
+    """A number for what happens at an interface."""
+    return (glass.astype(np.int64) * STAMPS + interface) * 2 + 1 + reflected
+
+
 def _fold(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint64]:
     """The hash of a sequence that goes on with a code (a multiplicative hash, xor-shifted)."""
     mixed = (path ^ code.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
@@ -581,7 +788,7 @@ def _fold(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint6
 
 
 def exit_rays(
-    glasses: Sequence[PlacedGlass],
+    glasses: Sequence[Placed],
     origin: ArrayLike,
     direction: ArrayLike,
     *,
@@ -589,6 +796,7 @@ def exit_rays(
     most_events: int = ENDLESS,
     cast: Cast | None = None,
     things: ArrayLike | None = None,
+    meet: Meet | None = None,
     fresnel: bool = True,
 ) -> ExitRays:
     """Follow rays through glasses along all ways that carry enough of the light.
@@ -613,6 +821,9 @@ def exit_rays(
     things : (B, 2, 3), optional
         Boxes (lower, upper corner) round all things: rays that do not come into one before their
         next interface are not cast. None: all are.
+    meet
+        Tells the next faces of the glasses that are meshes; called once a step for all rays that
+        can meet one.
     fresnel
         False: interfaces only refract and take no light in doing so. What is totally reflected is
         followed all the same.
@@ -620,7 +831,8 @@ def exit_rays(
     Raises
     ------
     ValueError
-        Where the glasses' surroundings differ or an absorption has the wrong shape.
+        Where the glasses' surroundings differ, an absorption has the wrong shape, or there are
+        meshes and no `meet`.
     """
     directions = np.atleast_2d(np.asarray(direction, dtype=float))
     origins = np.asarray(origin, dtype=float)
@@ -632,12 +844,11 @@ def exit_rays(
     unit[proper] = directions[proper] / largest[proper, None]
     unit[proper] /= np.sqrt(np.sum(unit[proper] ** 2, axis=-1, keepdims=True))
     boxes = None if things is None else np.asarray(things, dtype=float).reshape(-1, 2, 3)
-    followed = _Followed(glasses, min_weight, most_events, cast, fresnel, boxes)
+    followed = _Followed(glasses, min_weight, most_events, cast, meet, fresnel, boxes)
     lost = np.where(fit, 0.0, 1.0)
-    live, steps = followed.start(origins, unit, proper), 0
-    while len(live) and steps < most_events + MOST_STRAIGHT:
+    live = followed.start(origins, unit, proper)
+    while len(live) and followed.steps < most_events + MOST_STRAIGHT:
         live = followed.step(live, lost)
-        steps += 1
     lost += np.bincount(live.ray, live.weight, total)
     nothing = live.take(slice(0, 0)), np.zeros(0), np.zeros(0, dtype=np.intp)
     rows = [*followed.rows, nothing]
@@ -656,5 +867,5 @@ def exit_rays(
         events=ends.events.astype(np.intp),
         path=ends.path.view(np.int64),
         lost=lost,
-        steps=steps,
+        steps=followed.steps,
     )

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glasses that are meshes: against closed forms, and laws that hold for any mesh."""
+
+import meshes
+import numpy as np
+import pytest
+
+from glass_refraction import optics
+from glass_refraction.optics.exit_rays import CLEAR, SHARE, _bent
+
+SQUARE = ((-0.05, -0.04), (0.05, -0.04), (0.05, 0.04), (-0.05, 0.04))
+
+
+def random_pose(rng, reach=0.0):
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    pose = np.eye(4)
+    pose[:3, :3] = turn * np.sign(np.linalg.det(turn))
+    pose[:3, 3] = rng.uniform(-reach, reach, 3)
+    return pose
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def rays_at(rng, box, count, away=0.4):
+    eye = np.mean(box, axis=0) + away * unit(rng.normal(size=3))
+    return eye, rng.uniform(box[0], box[1], (count, 3)) - eye
+
+
+def seen(ends, count, depth=True):
+    """What rays see of a smooth world: of their exit rays, by direction and place."""
+    along = ends.origin + 0.5 * ends.direction
+    value = 1.0 + 0.5 * np.sin(3.0 * along @ (1.0, 2.0, -1.0)) + 0.3 * np.cos(4.0 * along[:, 1])
+    value = value * ends.weight * (np.exp(-ends.depth[:, 0]) if depth else 1.0)
+    return np.bincount(ends.ray, value, count)
+
+
+def same_ends(one, other, atol=1e-6):
+    """The same exit rays of every ray, in any order. By weight, then by direction."""
+    assert len(one.ray) == len(other.ray)
+    a, b = (
+        np.lexsort((np.round(e.direction @ (0.7, 0.5, 0.3), 4), np.round(e.weight, 6), e.ray))
+        for e in (one, other)
+    )
+    np.testing.assert_array_equal(one.ray[a], other.ray[b])
+    for name in ("weight", "direction", "origin"):
+        np.testing.assert_allclose(getattr(one, name)[a], getattr(other, name)[b], atol=atol)
+    # Rays start off faces by some 1e-6 m.
+    np.testing.assert_allclose(one.depth[a], other.depth[b], atol=1e-4)
+
+
+def test_a_box_as_a_mesh_is_the_slab_with_its_sides():
+    rng = np.random.default_rng(1)
+    body = optics.body(optics.FlatGlass((0.02,), (1.5,), outline=SQUARE))
+    pose = random_pose(rng, 0.2)
+    mesh = meshes.box((-0.05, -0.04, -0.02), (0.05, 0.04, 0.0)).placed(pose)
+    eye, directions = rays_at(rng, mesh.box, 300)
+    tint = np.array((5.0, 10.0, 20.0))
+    closed = optics.PlacedGlass(body, pose, np.array([0 * tint, tint]))
+    meet = meshes.Caster([(0, mesh)])
+    found = optics.exit_rays(
+        [optics.PlacedMesh(1.5, tint)], eye, directions, meet=meet, min_weight=0.02
+    )
+    expected = optics.exit_rays([closed], eye, directions, min_weight=0.02)
+    same_ends(found, expected)
+    np.testing.assert_allclose(np.bincount(found.ray, found.weight, 300) + found.lost, 1.0)
+    assert meet.calls == found.steps
+    # The eye in the glass: known from the first back that is met.
+    middle = pose[:3, :3] @ (0.01, 0.0, -0.008) + pose[:3, 3]
+    found = optics.exit_rays(
+        [optics.PlacedMesh(1.5, tint)], middle, directions, meet=meet, min_weight=0.02
+    )
+    expected = optics.exit_rays([closed], middle, directions, min_weight=0.02)
+    same_ends(found, expected)
+
+
+@pytest.mark.parametrize("shape", ["rod", "ball"])
+def test_a_mesh_is_nearer_to_the_round_glass_the_finer_it_is(shape):
+    rng = np.random.default_rng(2)
+    count = 250
+    if shape == "rod":
+        body = optics.body(optics.CylinderGlass((0.04,), (1.5,), extent=(0.0, 0.1)))
+    else:
+        body = optics.body(optics.SphereGlass((0.04,), (1.5,)))
+    eye, directions = rays_at(rng, 0.6 * body.box, count)
+    tint = np.array((8.0, 8.0, 8.0))
+    closed = optics.PlacedGlass(body, np.eye(4), np.array([0 * tint, tint]))
+    expected = seen(optics.exit_rays([closed], eye, directions, min_weight=0.02), count)
+    off, asked = [], []
+    for fine in (12, 24, 48):
+        mesh = meshes.rod(0.04, 0.0, 0.1, 2 * fine) if shape == "rod" else meshes.ball(0.04, fine)
+        meet = meshes.Caster([(0, mesh)])
+        ends = optics.exit_rays(
+            [optics.PlacedMesh(1.5, tint)], eye, directions, meet=meet, min_weight=0.02
+        )
+        np.testing.assert_allclose(np.bincount(ends.ray, ends.weight, count) + ends.lost, 1.0)
+        off.append(np.median(np.abs(seen(ends, count) - expected)))
+        asked.append(meet.rays)
+    # Chords lie off the arc by a quarter where there are twice as many.
+    assert off[1] < 0.5 * off[0] and off[2] < 0.5 * off[1] and off[2] < 2e-3
+    # What is asked for grows with rays and bounces, not with triangles.
+    assert max(asked) < 1.3 * min(asked)
+
+
+def test_a_diamond_loses_no_light():
+    rng = np.random.default_rng(3)
+    mesh = meshes.diamond(0.01).placed(random_pose(rng, 0.05))
+    eye, directions = rays_at(rng, mesh.box, 300, away=0.1)
+    lost = []
+    for least in (0.05, 0.005):
+        ends = optics.exit_rays(
+            [optics.PlacedMesh(2.417)],
+            eye,
+            directions,
+            meet=meshes.Caster([(0, mesh)]),
+            min_weight=least,
+            most_events=100,
+        )
+        np.testing.assert_allclose(np.bincount(ends.ray, ends.weight, 300) + ends.lost, 1.0)
+        lost.append(ends.lost.mean())
+    assert lost[1] < 0.3 * lost[0] and lost[1] < 0.05
+    # No ray stays in it: they leave through its faces, to the outside.
+    ahead = meshes.Caster([(0, mesh)])(ends.origin + 1e-6 * ends.direction, ends.direction)[1]
+    assert np.isinf(ahead).all()
+
+
+@pytest.mark.parametrize("overlap", [0.0, 2e-9, -2e-9, 1e-3])
+def test_meshes_that_overlap_or_touch_by_priority(overlap):
+    """Two boxes, one on the other: as a stack of two layers."""
+    rng = np.random.default_rng(4)
+    stack = optics.PlacedGlass(
+        optics.body(optics.FlatGlass((0.02, 0.03), (1.5, 1.333), outline=SQUARE)), np.eye(4)
+    )
+    upper = meshes.box((-0.05, -0.04, -0.02), (0.05, 0.04, 0.0))
+    lower = meshes.box((-0.05, -0.04, -0.05), (0.05, 0.04, -0.02 + overlap))
+    eye, directions = rays_at(rng, 0.8 * stack.body.box, 200)
+    expected = optics.exit_rays([stack], eye, directions, min_weight=0.03)
+    glasses = [optics.PlacedMesh(1.5, None, 1), optics.PlacedMesh(1.333, None, 0)]
+    meet = meshes.Caster([(0, upper), (1, lower)], apart=True)
+    found = optics.exit_rays(glasses, eye, directions, meet=meet, min_weight=0.03)
+    same_ends(found, expected)
+    # A mesh and a closed form.
+    closed = optics.PlacedGlass(
+        optics.body(optics.FlatGlass((0.02,), (1.5,), outline=SQUARE)), np.eye(4), None, 1
+    )
+    meet = meshes.Caster([(1, lower)])
+    found = optics.exit_rays([closed, glasses[1]], eye, directions, meet=meet, min_weight=0.03)
+    same_ends(found, expected)
+
+
+def test_a_mesh_stays_where_boxes_say_it_is():
+    rng = np.random.default_rng(5)
+    one, two = meshes.ball(0.03, 12), meshes.box((0.1, -0.02, -0.02), (0.14, 0.02, 0.02))
+    eye, directions = rays_at(rng, np.array([(-0.1, -0.1, -0.1), (0.2, 0.1, 0.1)]), 300)
+    results, asked = [], []
+    for boxes in ((None, None), (one.box, two.box)):
+        meet = meshes.Caster([(0, one), (1, two)])
+        glasses = [optics.PlacedMesh(1.5, box=boxes[0]), optics.PlacedMesh(1.6, box=boxes[1])]
+        results.append(optics.exit_rays(glasses, eye, directions, meet=meet, min_weight=0.02))
+        asked.append(meet.rays)
+    for name in ("ray", "weight", "origin", "direction", "path", "lost"):
+        np.testing.assert_array_equal(*(getattr(ends, name) for ends in results))
+    assert asked[1] < 0.7 * asked[0]
+
+
+def test_an_open_mesh_is_glass_behind_its_front_without_end():
+    sheet = meshes.Mesh(np.array([(-9.0, -9, 0), (9, -9, 0), (0, 9, 0)]), np.array([(0, 1, 2)]))
+    meet = meshes.Caster([(0, sheet)])
+    down = unit(np.array([(0.6, 0.0, -0.8)]))
+    ends = optics.exit_rays([optics.PlacedMesh(1.5, (1, 1, 1))], (0, 0, 1), down, meet=meet)
+    inside = ends.direction[ends.direction[:, 2] < 0.0][0]
+    assert inside[0] == pytest.approx(0.6 / 1.5) and len(ends.ray) == 2
+    assert np.isfinite(ends.depth).all() and (ends.depth == 0.0).all()
+    # From behind it is left.
+    up = unit(np.array([(0.3, 0.0, 0.95)]))
+    ends = optics.exit_rays([optics.PlacedMesh(1.5)], (0, 0, -1), up, meet=meet)
+    outside = ends.direction[ends.direction[:, 2] > 0.0][0]
+    assert outside[0] == pytest.approx(1.5 * up[0, 0])
+
+
+def test_interpolated_normals_send_no_ray_to_the_wrong_side():
+    rng = np.random.default_rng(6)
+    count = 20_000
+    flat = unit(rng.normal(size=(count, 3))).T
+    along = unit(rng.normal(size=(count, 3))).T
+    flat = flat * np.where(np.sum(flat * along, axis=0) > 0.0, -1.0, 1.0)
+    smooth = unit(flat.T + rng.uniform(0.0, 2.0, (count, 1)) * rng.normal(size=(count, 3))).T
+    eta = np.where(rng.random(count) < 0.5, 1.5, 1 / 1.5)
+    bent = _bent(smooth, flat, along, eta)
+    np.testing.assert_allclose(np.linalg.norm(bent, axis=0), 1.0)
+    facing = -np.sum(flat * along, axis=0)
+    up = np.sum(optics.reflect(along.T, bent.T) * flat.T, axis=1)
+    assert (up >= np.minimum(SHARE * facing, CLEAR) - 1e-12).all()
+    turned, total = optics.refract(along.T, bent.T, eta)
+    assert (np.sum(turned * flat.T, axis=1)[~total] < 0.0).all()
+    assert (np.sum(bent * along, axis=0) < 0.0).all()
+    # Those that were right are left alone.
+    kept = (bent == smooth).all(axis=0)
+    assert kept.mean() > 0.3
+    np.testing.assert_array_equal(_bent(flat, flat, along, eta), flat)
+
+
+def test_meshes_need_somebody_who_knows_where_they_are():
+    with pytest.raises(ValueError, match="meet must tell"):
+        optics.exit_rays([optics.PlacedMesh(1.5)], (0, 0, 0), [(0, 0, 1)])
+    with pytest.raises(ValueError, match="ior must be"):
+        optics.PlacedMesh(0.0)
