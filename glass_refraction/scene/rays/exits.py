@@ -11,6 +11,7 @@ import numpy as np
 
 from ..read.viewpoint import Viewpoint
 from .hits import Shown, Ways
+from .lamps import Sun
 
 SIDES = ((2, 0.03), (3, 0.2))
 """Rays along either axis of a pixel in which ways end, by the part of the light that ends there."""
@@ -120,8 +121,51 @@ def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """For each way of one ray a pixel, the same way one pixel further.
+
+    Attributes
+    ----------
+    pixel : (K,) the way's own pixel.
+    ahead, behind : for x and for y, (K,) numbers of the ways, −1 where it ends there.
+    inner : the same, whether there is a pixel at all.
+    """
+
+    pixel: np.ndarray
+    ahead: tuple[np.ndarray, np.ndarray]
+    behind: tuple[np.ndarray, np.ndarray]
+    inner: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+
+def neighbours(rays: PictureRays, size: tuple[int, int]) -> Neighbours:
+    """Which ways of neighbouring pixels run through the same interfaces."""
+    width, height = size
+    ways = rays.ways
+    paths, path = np.unique(ways.path, return_inverse=True)
+    pixel = rays.pixel[ways.ray]
+    code = pixel.astype(np.int64) * len(paths) + path
+    order = np.argsort(code, kind="stable")
+    sorted_code = code[order]
+    found: list[list[np.ndarray]] = []
+    inner = []
+    for axis, step in enumerate((1, width)):
+        place = pixel % width if axis == 0 else pixel // width
+        possible = place < (width, height)[axis] - 1, place > 0
+        inner.append(possible)
+        both = []
+        for sign, there in zip((1, -1), possible, strict=True):
+            wanted = code + sign * step * len(paths)
+            at = np.minimum(np.searchsorted(sorted_code, wanted), max(len(code) - 1, 0))
+            same = there & (sorted_code[at] == wanted) if len(code) else there
+            both.append(np.where(same, order[at] if len(code) else 0, -1))
+        found.append(both)
+    (ahead_x, behind_x), (ahead_y, behind_y) = found
+    return Neighbours(pixel, (ahead_x, ahead_y), (behind_x, behind_y), tuple(inner))
+
+
 def ending(
-    rays: PictureRays, shown: Shown, label: np.ndarray, size: tuple[int, int]
+    rays: PictureRays, beside: Neighbours, shown: Shown, label: np.ndarray, size: tuple[int, int]
 ) -> np.ndarray:
     """(width · height,) the part of each pixel's light whose ways end there or are stretched.
 
@@ -131,37 +175,83 @@ def ending(
     """
     width, height = size
     rough = np.zeros(width * height)
-    ways = rays.ways
-    if not len(ways):
-        return rough
-    paths, path = np.unique(ways.path, return_inverse=True)
-    pixel = rays.pixel[ways.ray]
-    code = pixel.astype(np.int64) * len(paths) + path
-    order = np.argsort(code, kind="stable")
-    sorted_code = code[order]
+    ways, pixel = rays.ways, beside.pixel
 
     def mark(which: np.ndarray, step: int, light: np.ndarray) -> None:
         for place in (pixel[which], pixel[which] + step):
             np.maximum.at(rough, place, light)
 
     for axis, step in enumerate((1, width)):
-        last = (width, height)[axis] - 1
-        place_on_axis = pixel % width if axis == 0 else pixel // width
-        for sign in (1, -1):
-            possible = place_on_axis < last if sign == 1 else place_on_axis > 0
-            wanted = code + sign * step * len(paths)
-            place = np.minimum(np.searchsorted(sorted_code, wanted), len(code) - 1)
-            found = possible & (sorted_code[place] == wanted)
-            ends = np.flatnonzero(possible & ~found)
+        ahead, behind = beside.ahead[axis], beside.behind[axis]
+        for sign, partner, there in zip((1, -1), (ahead, behind), beside.inner[axis], strict=True):
+            ends = np.flatnonzero(there & (partner < 0))
             mark(ends, sign * step, ways.weight[ends])
-            if sign == -1:
-                continue
-            a, b = np.flatnonzero(found), order[place[found]]
-            weight = np.maximum(ways.weight[a], ways.weight[b])
-            apart = np.linalg.norm(shown.pixels[a] - shown.pixels[b], axis=1)
-            looked_up = (shown.view[a] == shown.view[b]) & (shown.view[a] >= 0)
-            # Elsewhere nothing has filtered what lies between the two.
-            begins = (shown.view[a] != shown.view[b]) | (label[a] != label[b])
-            stretched = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
-            mark(a, step, weight * np.where(looked_up, stretched, begins))
+        a = np.flatnonzero(ahead >= 0)
+        b = ahead[a]
+        weight = np.maximum(ways.weight[a], ways.weight[b])
+        apart = np.linalg.norm(shown.pixels[a] - shown.pixels[b], axis=1)
+        looked_up = (shown.view[a] == shown.view[b]) & (shown.view[a] >= 0)
+        # Elsewhere nothing has filtered what lies between the two.
+        begins = (shown.view[a] != shown.view[b]) | (label[a] != label[b])
+        stretched = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
+        mark(a, step, weight * np.where(looked_up, stretched, begins))
     return rough
+
+
+def sun_light(
+    rays: PictureRays, beside: Neighbours, suns: tuple[Sun, ...], sigma: float
+) -> np.ndarray:
+    """(K, 3) radiance of the suns along the ways of one ray a pixel, as the pixel filter sees it.
+
+    A sun's image in a glass is often smaller than a pixel. A pixel's rays leave within a cone,
+    which neighbouring pixels tell: their directions' differences, times the filter's standard
+    deviation, are the axes of a Gauss bell. The sun's disc is a bell too, of the same second
+    moments. What both have in common is what the pixel sees of the sun.
+    """
+    ways = rays.ways
+    out = np.zeros((len(ways), 3))
+    sky = np.flatnonzero(ways.is_sky)
+    if not (len(sky) and suns):
+        return out
+    slopes = [_slope(ways.direction, beside, axis, sky) for axis in range(2)]
+    for sun in suns:
+        towards = np.array(sun.towards)
+        near = ways.direction[sky] @ towards > COSINE_NEAR
+        some = sky[near]
+        if not len(some):
+            continue
+        offset = towards - ways.direction[some]
+        axes = [slope[near] * sigma for slope in slopes]
+        helper = np.eye(3)[np.argmin(np.abs(towards))]
+        first = np.cross(towards, helper)
+        first /= np.linalg.norm(first)
+        frame = np.stack((first, np.cross(towards, first)), axis=1)
+        ox, oy = (offset @ frame).T
+        (ax, ay), (bx, by) = ((axis @ frame).T for axis in axes)
+        square = max(1.0 - sun.cosine**2, 0.0)
+        # A disc of radius r has the second moments r²/4.
+        xx = ax * ax + bx * bx + 0.25 * square
+        yy = ay * ay + by * by + 0.25 * square
+        xy = ax * ay + bx * by
+        determinant = np.maximum(xx * yy - xy * xy, 1e-300)
+        distance = (yy * ox * ox - 2.0 * xy * ox * oy + xx * oy * oy) / determinant
+        bell = np.exp(-0.5 * np.minimum(distance, FARTHEST)) * (distance < FARTHEST)
+        part = np.pi * square * bell / (2.0 * np.pi * np.sqrt(determinant))
+        # A sun that fills the cone is seen as bright as it is.
+        out[some] += np.minimum(part, 1.0)[:, None] * np.array(sun.radiance)
+    return out
+
+
+COSINE_NEAR = 0.5
+"""Of the angle from a sun within which a way may see it."""
+FARTHEST = 30.0
+"""Square of a bell's standard deviations beyond which nothing is left of it."""
+
+
+def _slope(values: np.ndarray, beside: Neighbours, axis: int, some: np.ndarray) -> np.ndarray:
+    """Differences (n, 3) of values (K, 3) from one pixel to the next, 0 where there is no next."""
+    ahead, behind = beside.ahead[axis][some], beside.behind[axis][some]
+    high = np.where(ahead >= 0, ahead, some)
+    low = np.where(behind >= 0, behind, some)
+    steps = np.maximum((ahead >= 0).astype(float) + (behind >= 0), 1.0)
+    return (values[high] - values[low]) / steps[:, None]

@@ -16,9 +16,19 @@ from ..memory import counters
 from ..read.glasses import Glass, as_body
 from ..read.viewpoint import Viewpoint
 from .caster import Caster
-from .exits import SIDES, PictureRays, centre_rays, ending, filter_sigma, finer_rays, grid
+from .exits import (
+    SIDES,
+    PictureRays,
+    centre_rays,
+    ending,
+    filter_sigma,
+    finer_rays,
+    grid,
+    neighbours,
+    sun_light,
+)
 from .hits import KNOWN, UNSEEN, Scene, Shown, Ways, place_captures, show
-from .radiance import Sky, known_light, stand_ins, sun_light
+from .radiance import Sky, known_light, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .things import Things
 from .views import RadianceView, direct_view
@@ -98,6 +108,14 @@ class FrameResult:
     covered: int
 
 
+@dataclass(frozen=True, eq=False)
+class Glints:
+    """Light of suns that comes straight to pixels (K,), by colour (K, 3)."""
+
+    pixel: np.ndarray
+    colour: np.ndarray
+
+
 def compute(frame: FrameInput, caster: Caster, views: int) -> FrameResult:
     """The pictures of one frame.
 
@@ -110,8 +128,8 @@ def compute(frame: FrameInput, caster: Caster, views: int) -> FrameResult:
     caster.aim(frame.things, centre, scale)
     scene = Scene(caster, frame.things, sky_is_known=frame.sky.radiance is not None)
     direct = direct_view(frame.view, frame.region, frame.near)
-    rays, shown, captures = _followed(frame, scene, direct, bodies, scale)
-    return _summed(frame, scene, [direct, *captures], rays, shown, views)
+    rays, shown, captures, glints = _followed(frame, scene, direct, bodies, scale)
+    return _summed(frame, scene, [direct, *captures], rays, shown, glints, views)
 
 
 def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarray, float]:
@@ -199,8 +217,11 @@ def _followed(frame: FrameInput, scene: Scene, direct: RadianceView, bodies, sca
     )
     views = [direct, *captures]
     shown = show(scene, views, coarse.ways)
-    rough = ending(coarse, shown, _labels(scene, coarse.ways), view.size)[pixels]
+    beside = neighbours(coarse, view.size)
+    rough = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)[pixels]
     sigma = filter_sigma(frame.engine, frame.filter_size)
+    glints = sun_light(coarse, beside, frame.sky.suns, sigma)
+    glint = Glints(beside.pixel, glints * coarse.ways.colour)
     keep = (rough <= SIDES[0][1])[coarse.ways.ray]
     parts = [(PictureRays(coarse.pixel, coarse.share, coarse.ways.take(keep)), shown.take(keep))]
     limits = [limit for _, limit in SIDES[1:]] + [np.inf]
@@ -208,7 +229,8 @@ def _followed(frame: FrameInput, scene: Scene, direct: RadianceView, bodies, sca
         some = pixels[(rough > least) & (rough <= most)]
         fine = finer_rays(view, some, side, sigma, follow)
         parts.append((fine, show(scene, views, fine.ways)))
-    return _together([rays for rays, _ in parts]), Shown.joined([s for _, s in parts]), captures
+    rays, shown = _together([part for part, _ in parts]), Shown.joined([s for _, s in parts])
+    return rays, shown, captures, glint
 
 
 def _bands(glasses: Sequence[Glass]) -> list[tuple[str, list[optics.PlacedGlass]]]:
@@ -272,6 +294,7 @@ def _summed(
     views: list[RadianceView],
     rays: PictureRays,
     shown: Shown,
+    glints: Glints,
     room: int,
 ) -> FrameResult:
     """The samples of all ways, packed for the compositor."""
@@ -281,7 +304,7 @@ def _summed(
     told = shown
     shown, guessed = stand_ins(scene.things, ways, shown)
     radiance = known_light(scene.things, scene.normals, frame.sky, ways, told)
-    radiance += guessed + sun_light(frame.sky, ways)
+    radiance += guessed
     share = rays.share[ways.ray]
     pixel = _window_pixels(rays.pixel[ways.ray], frame.view)
     packed = PackedPixels(np.unique(pixel))
@@ -307,7 +330,9 @@ def _summed(
             name = "direct" if number == 0 else f"capture {number}"
             carried = float(ways.weight[order].sum() / light) if light > 0.0 else 0.0
             reports.append(ViewReport(name, count, carried))
-    colour = radiance * ways.colour * share[:, None]
+    lit = np.flatnonzero(glints.colour.any(axis=1))
+    lit_pixel = _window_pixels(glints.pixel[lit], frame.view)
+    colour = np.concatenate((radiance * ways.colour * share[:, None], glints.colour[lit]))
     sky_alpha = np.where(ways.is_sky, frame.sky.alpha, 1.0) * (shown.view == KNOWN)
     opaque = (sky_alpha * ways.weight * share)[:, None] * np.ones(3)
     return FrameResult(
@@ -317,7 +342,7 @@ def _summed(
         alphas=tuple(alphas),
         spread=packed.spread((width, height)),
         beside=_grey(beside, (width, height)),
-        known=packed.known(colour, pixel),
+        known=packed.known(colour, np.concatenate((pixel, lit_pixel))),
         known_alpha=packed.known(opaque, pixel),
         reports=tuple(reports),
         unseen=unseen,

@@ -88,16 +88,6 @@ def known_light(
     return out
 
 
-def sun_light(sky: Sky, ways: Ways) -> np.ndarray:
-    """(K, 3) radiance of the suns along ways that meet nothing."""
-    out = np.zeros((len(ways), 3))
-    some = np.flatnonzero(ways.is_sky)
-    for sun in sky.suns:
-        seen = ways.direction[some] @ np.array(sun.towards) >= sun.cosine
-        out[some[seen]] += sun.radiance
-    return out
-
-
 def stand_ins(things: Things, ways: Ways, shown: Shown) -> tuple[Shown, np.ndarray]:
     """For hits that no view shows: the nearest hit of the same surface that one shows.
 
