@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which objects a render of a view layer shows."""
+"""Which view layer is rendered, and which objects a render of it shows."""
 
 from __future__ import annotations
 
@@ -8,12 +8,22 @@ from collections.abc import Iterator
 import bpy
 
 
-def rendered_objects(view_layer: bpy.types.ViewLayer) -> Iterator[bpy.types.Object]:
-    """The view layer's objects that renders show, each once, in the collections' order."""
+def rendered_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
+    """The view layer that the glass is computed in: the first that renders show."""
+    return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
+
+
+def rendered_objects(
+    view_layer: bpy.types.ViewLayer, *, hidden: bool = False
+) -> Iterator[bpy.types.Object]:
+    """The view layer's objects that renders show, each once, in the collections' order.
+
+    ``hidden``: those too that are hidden in renders themselves now; animation may show them.
+    """
     seen = set()
     for layer_collection in _rendered_collections(view_layer.layer_collection):
         for obj in layer_collection.collection.objects:
-            if obj.hide_render or obj.session_uid in seen:
+            if (obj.hide_render and not hidden) or obj.session_uid in seen:
                 continue
             seen.add(obj.session_uid)
             yield obj
