@@ -19,8 +19,9 @@ from bpy.app.handlers import persistent
 
 from .scene import changes
 from .scene import update as door
-from .scene.build.layers import user_scene_of
+from .scene.build.own_scenes import user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
+from .scene.read.visibility import rendered_layer
 from .scene.vertices import motion_blur
 
 REST_SECONDS = 0.3
@@ -88,7 +89,7 @@ def _prepare(scene: bpy.types.Scene) -> None:
     """Prepare a scene; what is wrong with it ends in its status, for the panel."""
     if scene.library is not None:
         return
-    depsgraph = scene.view_layers[0].depsgraph
+    depsgraph = rendered_layer(scene).depsgraph
     if depsgraph is None:
         # Nobody looks at it; an undone deletion may have brought it back with what stood for it.
         if not _rendering:

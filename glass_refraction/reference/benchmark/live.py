@@ -106,7 +106,7 @@ class _Playback:
         view_layer.update()
         door.prepare(scene, view_layer.depsgraph, strict=True)
         self.layers: Layers = find_layers(scene)
-        (self.copy,) = self.layers.copies().values()
+        self.copy = next(c for (_, slot, _), c in self.layers.copies().items() if slot == 0)
         self.shown_in = next(
             layer for layer in self.layers.displaced.view_layers if self.copy.name in layer.objects
         )

@@ -16,7 +16,7 @@ from pathlib import Path
 import bpy
 
 from .. import update as door
-from ..build.layers import Layers, find_layers
+from ..build.own_scenes import find_own_scenes
 from ..names import RefractiveGlassError
 from ..read.viewpoint import render_size
 from .files import (
@@ -33,11 +33,11 @@ from .playback import (
     bakeable_images,
     bakeable_objects,
     baked,
-    baked_layers,
+    baked_scenes,
     composite_group,
     detach,
-    layer_samples,
     under_way,
+    used_layers,
 )
 
 Receiver = Callable[[bpy.types.Depsgraph, Callable], None]
@@ -150,7 +150,7 @@ class Baking:
             )
         self._old = self._known_contents()
         try:
-            self._layers = self._prepare(depsgraph)
+            self._own_scenes = self._prepare(depsgraph)
         except RefractiveGlassError:
             self._leave()
             raise
@@ -161,12 +161,13 @@ class Baking:
         session = secrets.token_hex(4)
         self._objects = {
             name: GeometryWriter(self.folder, name, session)
-            for name in bakeable_objects(self._layers)
+            for name in bakeable_objects(self._own_scenes)
         }
         self._images = {
-            name: ImageWriter(self.folder, name) for name in bakeable_images(scene, self._layers)
+            name: ImageWriter(self.folder, name)
+            for name in bakeable_images(scene, self._own_scenes)
         }
-        self._samples: dict[int, dict[str, int]] = {}
+        self._used: set[str] = set()
         self._moments: dict[int, list[float]] = {}
         self._fits = self._old_fits()
         under_way.add(scene.session_uid)
@@ -189,7 +190,7 @@ class Baking:
 
     def step(self) -> None:
         """Solve one frame and write it."""
-        frame, scene, layers = self.frame, self.scene, self._layers
+        frame, scene, own_scenes = self.frame, self.scene, self._own_scenes
         times = _moments(scene, frame)
         scene.frame_set(frame)
         layer = next((v for v in scene.view_layers if v.use), scene.view_layers[0])
@@ -202,11 +203,11 @@ class Baking:
         for problem in door.status(scene).problems:
             if problem not in problems:
                 self.problems.append(f"From frame {frame}: {problem}")
-        for name, image in bakeable_images(scene, layers).items():
+        for name, image in bakeable_images(scene, own_scenes).items():
             self._images[name].write(frame, image)
-        self._samples[frame] = layer_samples(layers)
+        self._used |= used_layers(own_scenes)
         # All own scenes have the same.
-        render = layers.mask.render
+        render = own_scenes[0].render
         low = (render.border_min_x, render.border_min_y)
         high = (render.border_max_x, render.border_max_y)
         self._border = _union(self._border, (*low, *high))
@@ -226,7 +227,7 @@ class Baking:
             self._leave()
 
     def _finish(self) -> Contents:
-        scene, layers = self.scene, self._layers
+        scene, own_scenes = self.scene, self._own_scenes
         old = self._old if self._fits else None
         contents = Contents(
             scene=scene.name,
@@ -236,7 +237,7 @@ class Baking:
             size=render_size(scene),
             shading=door.effective_shading(scene),
             border=_union(old.border, self._border) if old is not None else self._border,
-            samples=(old.samples if old is not None else {}) | self._samples,
+            layers=sorted({*(old.layers if old is not None else ()), *self._used}),
             moments={
                 f: times
                 for f, times in (old.moments if old is not None else {}).items()
@@ -247,7 +248,7 @@ class Baking:
             images=sorted(self._images),
         )
         commit(self.folder, contents, replaced=None if self._fits else self._old)
-        attach(scene, layers, self.directory, contents)
+        attach(scene, own_scenes, self.directory, contents)
         # The carriers do not hold any more what is remembered of them.
         door.forget()
         wrong = self._misread()
@@ -262,7 +263,7 @@ class Baking:
         """Leave the folder as it was, and the scene, if its former bake still fits it."""
         discard(self.folder)
         if self._before is not None and self._fits:
-            attach(self.scene, self._layers, self.directory, self._old)
+            attach(self.scene, self._own_scenes, self.directory, self._old)
         self._leave()
 
     def _known_contents(self) -> Contents | None:
@@ -277,7 +278,7 @@ class Baking:
             )
         return known
 
-    def _prepare(self, depsgraph: bpy.types.Depsgraph) -> Layers:
+    def _prepare(self, depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Scene]:
         """Own scenes with the paths of the frame that the standing frames were prepared at."""
         scene = self.scene
         if self._old is not None and self._before is not None:
@@ -287,14 +288,14 @@ class Baking:
             self._prepared = current if current in self.frames else self.frames[0]
         if scene.frame_current != self._prepared:
             scene.frame_set(self._prepared)
-        standing = baked_layers(scene)
-        if standing is not None:
+        standing = baked_scenes(scene)
+        if standing:
             detach(scene, standing)
         door.forget()
         try:
             door.prepare(scene, depsgraph, strict=True)
         except RefractiveGlassError:
-            if standing is not None and self._old is not None:
+            if standing and self._old is not None:
                 attach(scene, standing, self.directory, self._old)
             raise
         if composite_group(scene) is None:
@@ -302,7 +303,7 @@ class Baking:
                 f'The compositor tree of scene "{scene.name}" has no Render Layers node of it: '
                 "add one"
             )
-        return find_layers(scene)
+        return find_own_scenes(scene)
 
     def _old_fits(self) -> bool:
         """Whether the frames that are there can stand beside new ones."""
@@ -334,7 +335,7 @@ class Baking:
 
         ``receiver(time, name, evaluated mesh)`` gets each object that is baked, once a time.
         """
-        names = {obj.session_uid: name for name, obj in bakeable_objects(self._layers).items()}
+        names = {obj.session_uid: name for name, obj in bakeable_objects(self._own_scenes).items()}
         seen: set[tuple[float, str]] = set()
 
         def receive(depsgraph: bpy.types.Depsgraph, frame_set: Callable) -> None:
@@ -352,7 +353,7 @@ class Baking:
                         seen.add((time, name))
                         receiver(time, name, evaluated.data)
 
-        for own_scene in self._layers.rendered():
+        for own_scene in self._own_scenes:
             own_scene.frame_current = frame
             _evaluate(own_scene, receive)
 
@@ -391,9 +392,9 @@ def free(scene: bpy.types.Scene) -> Path | None:
     contents = read_contents(bake.folder)
     if contents is not None and contents.file in {"", _file()}:
         remove(bake.folder, contents)
-    layers = baked_layers(scene)
-    if layers is not None:
-        detach(scene, layers)
+    own_scenes = baked_scenes(scene)
+    if own_scenes:
+        detach(scene, own_scenes)
     door.remove(scene)
     return bake.folder if bake.folder.is_dir() else None
 

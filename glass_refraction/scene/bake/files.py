@@ -73,7 +73,7 @@ class Contents:
     size : width and height of the rendered picture, pixels.
     shading : ``TRUE`` or ``DISPLACED``, as it took effect.
     border : share of the picture (x0, y0, x1, y1) that glasses cover in any baked frame.
-    samples : frame -> own view layer -> samples of the renderer.
+    layers : names of the own view layers that any baked frame shows.
     moments : frame -> further times (frames) at which its geometry is stored, for motion blur.
     objects : folder names of the baked objects.
     images : folder names of the baked images.
@@ -86,7 +86,7 @@ class Contents:
     size: tuple[int, int] = (0, 0)
     shading: str = "TRUE"
     border: tuple[float, float, float, float] = (1.0, 1.0, 0.0, 0.0)
-    samples: dict[int, dict[str, int]] = field(default_factory=dict)
+    layers: list[str] = field(default_factory=list)
     moments: dict[int, list[float]] = field(default_factory=dict)
     objects: list[str] = field(default_factory=list)
     images: list[str] = field(default_factory=list)
@@ -113,7 +113,6 @@ def read_contents(folder: Path) -> Contents | None:
         found = Contents(**values)
         found.size, found.border = tuple(found.size), tuple(found.border)
         # JSON's keys are text.
-        found.samples = {int(frame): values for frame, values in found.samples.items()}
         found.moments = {int(frame): times for frame, times in found.moments.items()}
     except (ValueError, TypeError) as error:
         raise RefractiveGlassError(f"{path} is no list of baked frames: {error}") from error

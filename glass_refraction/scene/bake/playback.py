@@ -14,8 +14,7 @@ from pathlib import Path
 
 import bpy
 
-from ..build.compositing import group_node
-from ..build.layers import ROLES, Layers
+from ..build.compositor import group_node
 from ..names import TAG, load_group, own
 from ..read.modifier_inputs import read_input
 from ..read.viewpoint import render_size
@@ -31,9 +30,6 @@ from .files import (
 )
 
 BAKED_GROUP = "Refractive Glass Baked"
-KERNEL = "kernel"
-"""Role of images that are the same in every frame and scene: the file keeps them itself."""
-
 under_way: set[int] = set()
 """Session uids of the scenes that are being baked."""
 
@@ -107,18 +103,16 @@ def composite_group(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
     return None if node is None else node.node_tree
 
 
-def baked_layers(scene: bpy.types.Scene) -> Layers | None:
+def baked_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """The own scenes that a baked scene plays back, whatever it is called by now."""
     group = composite_group(scene)
-    own_scenes = [s for s in bpy.data.scenes if group is not None and s.get(BAKE) == group]
-    found = {s[TAG]: s for s in own_scenes if own(s)}
-    return Layers(**found) if len(found) == len(ROLES) else None
+    return [s for s in bpy.data.scenes if group is not None and s.get(BAKE) == group and own(s)]
 
 
-def bakeable_objects(layers: Layers) -> dict[str, bpy.types.Object]:
+def bakeable_objects(own_scenes: list[bpy.types.Scene]) -> dict[str, bpy.types.Object]:
     """Folder name -> each own object that is rendered and that the extension writes each frame."""
     found: dict[str, bpy.types.Object] = {}
-    for own_scene in layers.rendered():
+    for own_scene in own_scenes:
         for collection in own_scene.collection.children_recursive:
             for obj in collection.objects:
                 if not own(obj) or obj.type != "MESH" or obj in found.values():
@@ -135,22 +129,27 @@ def bakeable_objects(layers: Layers) -> dict[str, bpy.types.Object]:
     return found
 
 
-def bakeable_images(scene: bpy.types.Scene, layers: Layers) -> dict[str, bpy.types.Image]:
+def bakeable_images(
+    scene: bpy.types.Scene, own_scenes: list[bpy.types.Scene]
+) -> dict[str, bpy.types.Image]:
     """Folder name -> each own image that the extension writes frame by frame."""
-    images = {node.image for node in _image_nodes(scene, layers)}
-    return {file_name(i.name.lstrip(".")): i for i in images if not own(i, KERNEL)}
+    images = {node.image for node in _image_nodes(scene, own_scenes)}
+    return {file_name(i.name.lstrip(".")): i for i in images}
 
 
-def layer_samples(layers: Layers) -> dict[str, int]:
-    """The samples of each own view layer, which may differ from frame to frame."""
+def used_layers(own_scenes: list[bpy.types.Scene]) -> set[str]:
+    """Names of the own view layers that are rendered now, which differ from frame to frame."""
     return {
-        _layer_name(own_scene, layer): layer.samples
-        for own_scene in layers.all()
+        _layer_name(own_scene, layer)
+        for own_scene in own_scenes
         for layer in own_scene.view_layers
+        if layer.use
     }
 
 
-def attach(scene: bpy.types.Scene, layers: Layers, directory: str, contents: Contents) -> None:
+def attach(
+    scene: bpy.types.Scene, own_scenes: list[bpy.types.Scene], directory: str, contents: Contents
+) -> None:
     """Let the scene play the folder's frames back; nothing is computed any more.
 
     Parameters
@@ -158,11 +157,11 @@ def attach(scene: bpy.types.Scene, layers: Layers, directory: str, contents: Con
     directory : the folder, as Blender writes paths.
     """
     base = directory.rstrip("/\\")
-    for name, obj in bakeable_objects(layers).items():
+    for name, obj in bakeable_objects(own_scenes).items():
         _play_geometry(obj, f"{base}/{GEOMETRY}/{name}")
     span = contents.span
-    nodes = list(_image_nodes(scene, layers))
-    for name, image in bakeable_images(scene, layers).items():
+    nodes = list(_image_nodes(scene, own_scenes))
+    for name, image in bakeable_images(scene, own_scenes).items():
         image.filepath = f"{base}/{IMAGES}/{name}/{image_file(name, span.start)}"
         image.source = "SEQUENCE"
         for node in nodes:
@@ -173,12 +172,11 @@ def attach(scene: bpy.types.Scene, layers: Layers, directory: str, contents: Con
                 # The file's number is the frame's.
                 user.frame_offset = span.start - 1
                 user.use_cyclic, user.use_auto_refresh = False, True
-    for node in nodes:
-        if own(node.image, KERNEL) and node.image.packed_file is None:
-            node.image.pack()
-    _animate_samples(layers, contents.samples)
-    _take_cameras(scene, layers)
-    _set_border(scene, layers, contents.border)
+    for own_scene in own_scenes:
+        for layer in own_scene.view_layers:
+            layer.use = _layer_name(own_scene, layer) in contents.layers
+    _take_cameras(scene, own_scenes)
+    _set_border(scene, own_scenes, contents.border)
     bake = Baked(
         directory,
         frame_ranges(contents.frames),
@@ -189,26 +187,25 @@ def attach(scene: bpy.types.Scene, layers: Layers, directory: str, contents: Con
     )
     group = composite_group(scene)
     group[BAKE] = json.dumps(asdict(bake))
-    for own_scene in layers.all():
+    for own_scene in own_scenes:
         own_scene[BAKE] = group
 
 
-def detach(scene: bpy.types.Scene, layers: Layers) -> None:
+def detach(scene: bpy.types.Scene, own_scenes: list[bpy.types.Scene]) -> None:
     """Undo :func:`attach`: what was played back is empty until it is computed."""
-    for obj in bakeable_objects(layers).values():
+    for obj in bakeable_objects(own_scenes).values():
         for modifier in list(obj.modifiers):
             if own(modifier.node_group, "baked"):
                 obj.modifiers.remove(modifier)
             else:
                 modifier.show_render = modifier.show_viewport = True
-    for image in bakeable_images(scene, layers).values():
+    for image in bakeable_images(scene, own_scenes).values():
         if image.source == "SEQUENCE":
             image.source = "GENERATED"
             image.use_generated_float = True
             image.filepath = ""
-    for own_scene in layers.all():
+    for own_scene in own_scenes:
         own_scene.timeline_markers.clear()
-        _still(own_scene)
         own_scene.pop(BAKE, None)
     group = composite_group(scene)
     if group is not None and BAKE in group:
@@ -233,10 +230,12 @@ def _play_geometry(obj: bpy.types.Object, directory: str) -> None:
     bake.use_custom_path, bake.directory = True, directory
 
 
-def _image_nodes(scene: bpy.types.Scene, layers: Layers) -> Iterator[bpy.types.Node]:
+def _image_nodes(
+    scene: bpy.types.Scene, own_scenes: list[bpy.types.Scene]
+) -> Iterator[bpy.types.Node]:
     """The nodes with the extension's own images: in its compositor group, in own materials."""
     trees = {composite_group(scene): None}
-    for obj in bakeable_objects(layers).values():
+    for obj in bakeable_objects(own_scenes).values():
         materials = [slot.material for slot in obj.material_slots]
         trees |= {material.node_tree: None for material in materials if own(material)}
     waiting, seen = list(trees), set()
@@ -256,43 +255,9 @@ def _layer_name(own_scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> str:
     return f"{own_scene[TAG]} {layer.name}"
 
 
-def _animate_samples(layers: Layers, samples: dict[int, dict[str, int]]) -> None:
-    """Give the own view layers the samples of each frame."""
-    for own_scene in layers.all():
-        _still(own_scene)
-        for layer in own_scene.view_layers:
-            name = _layer_name(own_scene, layer)
-            values = {frame: samples[frame][name] for frame in sorted(samples)}
-            if len(set(values.values())) > 1:
-                for frame, value in values.items():
-                    layer.samples = value
-                    layer.keyframe_insert("samples", frame=frame)
-            elif values:
-                layer.samples = next(iter(values.values()))
-        for curve in _curves(own_scene):
-            for point in curve.keyframe_points:
-                point.interpolation = "CONSTANT"
-
-
-def _still(own_scene: bpy.types.Scene) -> None:
-    """Take an own scene's animation away."""
-    action = own_scene.animation_data.action if own_scene.animation_data is not None else None
-    own_scene.animation_data_clear()
-    if action is not None and action.users == 0:
-        bpy.data.actions.remove(action)
-
-
-def _curves(own_scene: bpy.types.Scene) -> list[bpy.types.FCurve]:
-    if own_scene.animation_data is None or own_scene.animation_data.action is None:
-        return []
-    layers = own_scene.animation_data.action.layers
-    bags = [bag for layer in layers for strip in layer.strips for bag in strip.channelbags]
-    return [curve for bag in bags for curve in bag.fcurves]
-
-
-def _take_cameras(scene: bpy.types.Scene, layers: Layers) -> None:
+def _take_cameras(scene: bpy.types.Scene, own_scenes: list[bpy.types.Scene]) -> None:
     """Markers that switch the camera do so in the own scenes too."""
-    for own_scene in layers.all():
+    for own_scene in own_scenes:
         own_scene.timeline_markers.clear()
         for marker in scene.timeline_markers:
             if marker.camera is not None:
@@ -301,10 +266,10 @@ def _take_cameras(scene: bpy.types.Scene, layers: Layers) -> None:
                 ).camera = marker.camera
 
 
-def _set_border(scene: bpy.types.Scene, layers: Layers, border) -> None:
+def _set_border(scene: bpy.types.Scene, own_scenes: list[bpy.types.Scene], border) -> None:
     if scene.render.use_border:
         return
-    for own_scene in layers.all():
+    for own_scene in own_scenes:
         render = own_scene.render
         render.border_min_x, render.border_min_y = border[:2]
         render.border_max_x, render.border_max_y = border[2:]

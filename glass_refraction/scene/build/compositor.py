@@ -187,7 +187,9 @@ def _take_out(nodes: list[bpy.types.Node]) -> None:
         if node[TAG] == "joint":
             fed = tree.nodes.get(node[_FROM])
             # Renamed or deleted meanwhile: the group's own source shows the same layer.
-            source = fed.outputs["Image"] if fed is not None else node.inputs[0].links[0].from_socket
+            source = (
+                fed.outputs["Image"] if fed is not None else node.inputs[0].links[0].from_socket
+            )
             _move_links(tree, node.outputs[0], source)
         if node[TAG] == "group" and node.inputs["Image"].is_linked:
             _move_links(tree, node.outputs["Image"], node.inputs["Image"].links[0].from_socket)

@@ -278,9 +278,7 @@ def _copy_properties(source, target, others: Mapping[str, object], nested=None) 
         name = prop.identifier
         if prop.type == "POINTER":
             if name in _NESTED:
-                _copy_properties(
-                    getattr(source, name), getattr(target, name), nested.get(name, {})
-                )
+                _copy_properties(getattr(source, name), getattr(target, name), nested.get(name, {}))
             continue
         if prop.is_readonly or prop.type == "COLLECTION" or name in _WARNING:
             continue

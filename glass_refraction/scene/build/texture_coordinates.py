@@ -235,14 +235,21 @@ def _stands_for(candidate: bpy.types.Material, material: bpy.types.Material) -> 
 
 
 def dress(
-    copies: Iterable[bpy.types.Object], source: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+    copies: Iterable[bpy.types.Object],
+    source: bpy.types.Object,
+    depsgraph: bpy.types.Depsgraph,
+    override: bpy.types.Material | None = None,
 ) -> None:
     """Give a source's copies its materials or their substitutes, and what these read of it.
+
+    ``override``: the material that all objects of the view layer wear in place of their own.
 
     The materials sit in slots that are linked to the copy object: those win over the slots of the
     geometry, whether it comes from the source or is the carrier's own.
     """
     materials = slot_materials(source, depsgraph)
+    if override is not None:
+        materials = [override] * max(1, len(materials))
     reads = set().union(*(_reads(m) for m in materials))
     substitutes = {m: substitute(m) for m in set(materials) - {None}}
     for copy in copies:

@@ -46,7 +46,6 @@ def prepare(scene: bpy.types.Scene) -> None:
 
     What is made depends on the scene's settings only, never on what a frame shows.
     """
-    remove_own_scenes(scene, ("displaced",))
     cast = own_scene(scene, CAST)
     if not cast.collection.children:
         fill_cast_collection(new_collection(CAST, cast))

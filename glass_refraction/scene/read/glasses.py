@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -13,8 +14,7 @@ import numpy as np
 from ... import optics
 from ...optics.axial import AxialGlass
 from ..names import RefractiveGlassError, own
-from .modifier_inputs import has_input, read_input
-from .obstacles import Obstacle
+from .modifier_inputs import data_path, has_input, read_input
 from .visibility import rendered_objects
 
 # Blender's transforms are float32: differences up to this are rounding, not shear.
@@ -47,8 +47,6 @@ class Glass:
         coefficients a, per metre; exp(-a length) of the light remains (Beer and Lambert).
     abbe : Abbe numbers of the glass and of its contents; 0: no dispersion.
     band : "red", "green" or "blue" if this is the glass as such light finds it; else empty.
-    others : glasses that the rays which left this one may meet. obstacles : what stands between.
-    chained : paths of this glass, and names of others that are shown beyond them.
     """
 
     name: str
@@ -57,9 +55,6 @@ class Glass:
     absorption: tuple[tuple[float, float, float], ...] = ()
     abbe: tuple[float, float] = (0.0, 0.0)
     band: str = ""
-    others: tuple[Glass, ...] = ()
-    obstacles: tuple[Obstacle, ...] = ()
-    chained: frozenset[tuple[optics.LightPath, str]] = frozenset()
 
     def __post_init__(self) -> None:
         self.to_world.flags.writeable = False
@@ -67,11 +62,6 @@ class Glass:
     def stamp(self) -> tuple:
         """What the optics depend on; equal stamps give equal pictures."""
         return (self.key, self.description, self.to_world.tobytes(), self.absorption)
-
-    def seen_stamp(self) -> tuple:
-        """What the paths' weights depend on: other glasses, and what stands between."""
-        others = tuple(other.stamp() for other in self.others)
-        return (self.stamp(), others, tuple(o.stamp for o in self.obstacles), self.chained)
 
     @property
     def key(self) -> str:
@@ -90,7 +80,7 @@ class Glass:
         return tuple(self.in_light(band) for band in optics.LINES)
 
     def in_light(self, band: str) -> Glass:
-        """The glass, and the others that its rays may meet, as red, green or blue light finds them.
+        """The glass as red, green or blue light finds it.
 
         Raises
         ------
@@ -113,8 +103,7 @@ class Glass:
             first, *others = description.ior
             media = (ior(first, glass), *(ior(medium, contents) for medium in others))
             seen = replace(description, ior=media)
-        others = tuple(o.in_light(band) if o.disperses else o for o in self.others)
-        return replace(self, description=seen, band=band, others=others)
+        return replace(self, description=seen, band=band)
 
     def from_world(self) -> np.ndarray:
         """(3, 4) float64: world points into the glass's frame."""
@@ -155,11 +144,6 @@ class Glass:
         """Whether any medium takes light away."""
         return any(any(coefficients) for coefficients in self.absorption)
 
-    def tints(self, path) -> bool:
-        """Whether any medium takes light away along a path, of another glass behind too."""
-        others = (other for other in self.others if other.name == getattr(path, "behind", None))
-        return self.is_tinted or any(other.is_tinted for other in others)
-
     def transmittance(self, eye, directions: np.ndarray, path: optics.LightPath) -> np.ndarray:
         """(M, 3) what the media let through along a path; 1 where the ray does not take it.
 
@@ -197,14 +181,48 @@ def casts_shadow(obj: bpy.types.Object) -> bool:
     return bool(read_input(modifier, "Casts Shadow"))
 
 
-def glass_objects(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
-    """The objects of the view layer that are a glass and take part in renders."""
+def glass_objects(
+    view_layer: bpy.types.ViewLayer, *, hidden: bool = False
+) -> list[bpy.types.Object]:
+    """The objects of the view layer that are a glass and take part in renders.
+
+    ``hidden``: those too that are hidden in renders now; animation may show them.
+    """
     found = []
-    for obj in rendered_objects(view_layer):
+    for obj in rendered_objects(view_layer, hidden=hidden):
         modifier = glass_modifier(obj) if obj.type == "MESH" else None
-        if modifier is not None and modifier.show_render:
+        if modifier is not None and (modifier.show_render or hidden):
             found.append(obj)
     return found
+
+
+def is_shown(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether a render shows the object at the moment of the depsgraph, a glass as a glass."""
+    evaluated = obj.evaluated_get(depsgraph)
+    modifier = glass_modifier(evaluated) if evaluated.type == "MESH" else None
+    return not evaluated.hide_render and (modifier is None or modifier.show_render)
+
+
+def may_disperse(obj: bpy.types.Object) -> bool:
+    """Whether a glass disperses light, or animation may make it."""
+    modifier = glass_modifier(obj)
+    names = [n for n in ("Abbe Number", "Contents Abbe Number") if has_input(modifier, n)]
+    if any(read_input(modifier, name) for name in names):
+        return True
+    animation = obj.animation_data
+    if animation is None:
+        return False
+    places = {data_path(modifier, name) for name in names}
+    return any(curve.data_path in places for curve in _curves(animation))
+
+
+def _curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
+    """All animation and driver curves of a data-block."""
+    yield from animation.drivers
+    for layer in animation.action.layers if animation.action else ():
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                yield from bag.fcurves
 
 
 def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = None) -> list[Glass]:

@@ -30,17 +30,23 @@ class Piece:
 
 
 def source_objects(
-    view_layer: bpy.types.ViewLayer, problems: list[str] | None = None
+    view_layer: bpy.types.ViewLayer,
+    problems: list[str] | None = None,
+    *,
+    hidden: bool = False,
 ) -> list[bpy.types.Object]:
     """The view layer's objects that may be seen through a glass, as renders show them.
 
     Parameters
     ----------
     problems : takes a line for each object that cannot be read now.
+    hidden : those too that are hidden now; animation may show them.
     """
     found = []
-    for obj in rendered_objects(view_layer):
-        if own(obj) or obj.type not in _MESH_TYPES | _CONVERTED_TYPES or not obj.visible_camera:
+    for obj in rendered_objects(view_layer, hidden=hidden):
+        if own(obj) or obj.type not in _MESH_TYPES | _CONVERTED_TYPES:
+            continue
+        if not (obj.visible_camera or hidden):
             continue
         if obj.type == "EMPTY" and obj.instance_collection is None:
             continue

@@ -19,11 +19,7 @@ from ..read.glasses import Glass, unbounded
 from ..read.mesh_arrays import SourceMesh, read_source_mesh, read_triangles
 from ..read.sources import Piece, Snapshot
 from ..read.viewpoint import Viewpoint
-from .chains import other_glass, pair
-from .path_keys import Path
 from .tessellation import (
-    ACROSS_PX,
-    WATERLINE_PX,
     EdgeImages,
     Images,
     Probe,
@@ -45,11 +41,9 @@ class Solver:
     """Where world points appear along one path of one glass."""
 
     glass: Glass
-    path: Path
+    path: optics.LightPath
     view: Viewpoint
     tolerance_px: float
-    last: bool = False
-    """Only what is seen on the last stretch of paths that name their interfaces."""
 
     def __call__(self, points: np.ndarray, guess=None) -> optics.ApparentPoints:
         """Apparent points of (N, 3) world points, in the glass's frame.
@@ -63,9 +57,6 @@ class Solver:
         """The same of points in the glass's frame."""
         view, eye = self.view, self.view.eye_for(self.glass)
         tolerance = 1e-9 if view.is_parallel else self.tolerance_px / view.focal_px
-        if isinstance(self.path, optics.ChainedPath):
-            both = pair(self.glass, other_glass(self.glass, self.path))
-            return optics.chained_points(both, self.path, eye, points, tolerance=tolerance)
         return optics.apparent_points(
             unbounded(self.glass.description),
             self.path,
@@ -73,7 +64,6 @@ class Solver:
             points,
             tolerance=tolerance,
             guess=guess,
-            last=self.last,
         )
 
     def images(self, points: np.ndarray) -> Images:
@@ -215,7 +205,6 @@ class Search:
                 self.rect,
                 self.max_gap_px,
                 self.importance,
-                self._across_px,
             )
             if not refined.visible:
                 return self._unseen(source, triangles, corners, found)
@@ -276,19 +265,20 @@ class Search:
             exact=False,
         )
 
-    @property
-    def _across_px(self) -> float:
-        return WATERLINE_PX if self.solver.path.open else ACROSS_PX
-
     def _local(self, source: Source) -> np.ndarray:
         """The source's vertices in the glass's frame, without a detour by the world."""
         return source.snapshot.placed(self.solver.glass.from_world())
 
     def _passes_by(self, points: np.ndarray) -> bool:
-        """A faint path is not searched for objects that its rays pass by."""
+        """A faint path is not searched for objects that its rays pass by.
+
+        The probe knows the rays after the last event alone, which what a glass holds never meets.
+        """
         if not len(points):
             return True
-        return self.importance < FAINT and not self.probe.meets_box(points)
+        if self.importance >= FAINT or self.solver.glass.holds(points).any():
+            return False
+        return not self.probe.meets_box(points)
 
     def _unseen(self, source: Source, triangles, of_source, found) -> Appearance:
         watched = np.empty((0, 2), int)
@@ -299,7 +289,7 @@ class Search:
         """All edges, measured where they could miss, and which of them (E,) may be seen."""
         edges, triangle_edges = triangles.edges()
         view = self.solver.view
-        found = EdgeImages(triangles.points, edges, images, view, self._across_px)
+        found = EdgeImages(triangles.points, edges, images, view)
         near = found.near(triangle_edges, self.rect)
         asked = np.nonzero(found.doubtful(near, self.max_gap_px, may_hide_more(images)))[0]
         if len(asked):

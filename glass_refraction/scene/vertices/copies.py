@@ -25,39 +25,35 @@ def write_copy(
     shape: Appearance,
     view: Viewpoint,
     *,
-    looked_up: bool,
-    held: bool = False,
     before: Appearance | None = None,
 ) -> None:
     """Write where a source appears into the copy's carrier mesh.
 
     Parameters
     ----------
-    looked_up : the copy's colours are looked up, so it needs where.
-    held : it stands in for itself where that does not show it, so it needs its normals too.
-    before : what the carrier holds of the same source, path and shading.
+    before : what the carrier holds of the same source.
     """
     if shape.images is None:
         if before is None or before.images is not None:
-            _write_carrier(copy.data, np.empty((0, 3)), np.empty(0), np.empty((0, 4)))
+            empty_copy(copy)
         return
     slots = used_slots(shape.images.valid)
     seen = np.stack([seen_vertices(shape, slot, view) for slot in slots]).reshape(-1)
     where = shape.images.position[slots].reshape(-1, 3)
-    lookup = None
-    if looked_up:
-        lookup = np.tile(view.lookup(shape.triangles.points), (len(slots), 1))
     write_input(copy.modifiers[0], "Whole", bool(seen.min() == 1.0))
-    write_input(
-        copy.modifiers[0], "Normals", 0 if looked_up and not held else _kept_normals(source, shape)
-    )
+    write_input(copy.modifiers[0], "Normals", _kept_normals(source, shape))
     if shape.refined:
         _write_repeated(copy, source.mesh(), shape.triangles, len(slots))
-        _write_carrier(copy.data, where, seen, lookup, keep_mesh=True)
+        _write_carrier(copy.data, where, seen, keep_mesh=True)
         return
-    _write_carrier(copy.data, where, seen, lookup)
+    _write_carrier(copy.data, where, seen)
     write_coordinates(copy.data, source.extra, len(slots))
     write_input(copy.modifiers[0], "Slots", max(1, len(slots)))
+
+
+def empty_copy(copy: bpy.types.Object) -> None:
+    """Let a copy show nothing."""
+    _write_carrier(copy.data, np.empty((0, 3)), np.empty(0))
 
 
 def _kept_normals(source: Source, shape: Appearance) -> int:
@@ -128,14 +124,12 @@ def _write_repeated(copy, source: SourceMesh, triangles: Triangles, number: int)
     write_mesh(copy.data, source, repeated)
 
 
-def _write_carrier(mesh, where, seen, lookup, *, keep_mesh: bool = False) -> None:
+def _write_carrier(mesh, where, seen, *, keep_mesh: bool = False) -> None:
     if not keep_mesh and (len(mesh.vertices) != len(where) or len(mesh.edges)):
         mesh.clear_geometry()
         mesh.vertices.add(len(where))
     if len(where):
         write_attribute(mesh, "position", where, "FLOAT_VECTOR")
     write_attribute(mesh, "rg_seen", seen, "FLOAT")
-    if lookup is not None:
-        write_attribute(mesh, "rg_lookup", lookup, "FLOAT_COLOR")
     mesh.update()
     mesh.update_tag()

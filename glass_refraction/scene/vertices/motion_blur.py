@@ -10,14 +10,18 @@ from __future__ import annotations
 
 import bpy
 
-from ..build.layers import Layers, find_layers, source_of
+from ..build.layers import Layers, find_layers
+from ..build.own_scenes import source_of
 from ..memory import Memory, counters, memory_of
+from ..names import RefractiveGlassError
+from ..read.glasses import read_glass
 from ..read.sources import is_carried, pieces
 from ..read.viewpoint import Viewpoint
 from .appearance import Solver, Source, moment_of
 from .copies import write_moment
-from .panes import standing_panes
-from .path_keys import path_key
+
+SOLVED = 0.1
+"""Part of the tolerance that edges have, to which apparent points are found."""
 
 
 def begin_frame(scene: bpy.types.Scene) -> None:
@@ -49,19 +53,27 @@ def show_moment(scene: bpy.types.Scene, own_time: float) -> None:
 def keep_moment(scene, memory: Memory, layers: Layers, view: Viewpoint, depsgraph) -> None:
     """Find where the copies' vertices are now, between frames; what they hold stays."""
     moment = memory.moments.setdefault(frame_time(scene), {})
+    objects = {obj.session_uid: obj for obj in scene.objects}
+    uids = {pane.number: planned.uid for planned in memory.plan.glasses for pane in planned.panes}
     copies = layers.copies()
-    for pane, glass in standing_panes(scene, layers, depsgraph, []):
-        for path in pane.paths:
-            solver = Solver(glass, path, view, 0.1 * scene.refractive_glass.tolerance_px, last=True)
-            for key, copy in copies.items():
-                if key[:2] != (glass.key, path_key(path)) or key not in memory.copies:
-                    continue
-                shape = memory.copies[key][2]
-                original = source_of(copy)
-                with pieces(original, depsgraph) as parts:
-                    source = Source(parts, is_carried(original), {})
-                    position = moment_of(solver, source, shape)
-                    source.close()
-                if position is not None:
-                    moment[key] = position
-                    counters["solves"] += 1
+    for key, (_, _, shape) in memory.copies.items():
+        number, slot, _ = key
+        glass, paths = memory.shown[number]
+        if key not in copies or slot >= len(paths) or shape.images is None:
+            continue
+        try:
+            now = read_glass(objects[uids[number]], depsgraph)
+        except RefractiveGlassError:
+            # It stays where the frame itself shows it, which says what is wrong.
+            continue
+        now = now.in_light(glass.band) if glass.band else now
+        tolerance = SOLVED * scene.refractive_glass.tolerance_px
+        solver = Solver(now, paths[slot], view, tolerance)
+        original = source_of(copies[key])
+        with pieces(original, depsgraph) as parts:
+            source = Source(parts, is_carried(original), {})
+            position = moment_of(solver, source, shape)
+            source.close()
+        if position is not None:
+            moment[key] = position
+            counters["solves"] += 1

@@ -11,11 +11,10 @@ import numpy as np
 
 from ... import optics
 from ...optics.axial import AxialGlass
-from ..read.glasses import Glass, as_body, read_glasses, unbounded
+from ..read.glasses import Glass, read_glasses, unbounded
 from ..read.viewpoint import Viewpoint, read_viewpoint
-from .chains import onward, other_glass
 from .hull import first_face
-from .path_keys import Path, path_key
+from .path_keys import path_key
 
 FILTER_WIDTH = 1.5
 """Width of the pixel filter (Blackman-Harris), as Cycles counts it and has it by default."""
@@ -54,13 +53,13 @@ class Regions:
     """
 
     rect: tuple[int, int, int, int]
-    paths: tuple[Path, ...]
+    paths: tuple[optics.LightPath, ...]
     weights: np.ndarray
     inside: np.ndarray
     hit: np.ndarray
     shares: np.ndarray
 
-    def importance(self, path: Path) -> float:
+    def importance(self, path: optics.LightPath) -> float:
         """The weight that the path's light has on average where it has one: sum w^2 / sum w."""
         return self._importances[self.paths.index(path)]
 
@@ -74,8 +73,7 @@ class Regions:
 
     def left_out(self) -> np.ndarray:
         """(h, w) float32: the part of the light for which no kept path stands."""
-        complete = np.array([not path.open for path in self.paths], bool)
-        known = self.shares[complete].sum(axis=0)
+        known = self.shares.sum(axis=0)
         return np.where(known > 0, np.clip(1.0 - known, 0.0, 1.0), 0.0).astype(np.float32)
 
     def full(self, values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -120,12 +118,11 @@ def covered_rect(view: Viewpoint, points: np.ndarray, margin: int) -> tuple[int,
 def path_regions(
     glass: Glass,
     view: Viewpoint,
-    paths: tuple[Path, ...],
+    paths: tuple[optics.LightPath, ...],
     *,
     fresnel: bool = True,
     exact: bool = False,
     smooth: bool = True,
-    bare: frozenset[Path] = frozenset(),
 ) -> Regions:
     """The weights of ``paths`` for every pixel that the glass can cover.
 
@@ -135,7 +132,6 @@ def path_regions(
         refracts: 1 where the ray takes the path, and nothing along paths with a reflection.
     smooth : anti-alias where a region ends; else every pixel is what its centre's ray says.
     exact : find ``inside`` too (else it is all False): the weights do not need it.
-    bare : paths that are not anti-aliased: nobody looks at their weights, but for the sum.
     """
     rect = picture_rect(glass, view)
     x0, y0, x1, y1 = rect
@@ -150,8 +146,7 @@ def path_regions(
     taken = taken.reshape(len(taken), height, width)
 
     # The filter reaches beyond the next pixel.
-    fine = np.array([path not in bare for path in paths], bool)
-    border = border_pixels(np.concatenate((taken[fine], hit[None])))
+    border = border_pixels(np.concatenate((taken, hit[None])))
     border = border_pixels(border[None]) | border
     inside = np.zeros_like(taken)
     if exact and taken.size:
@@ -159,32 +154,13 @@ def path_regions(
         inside &= ~border_pixels(inside)
     if smooth:
         rows, columns = np.nonzero(border)
-        some = rays
-        if bare:
-            some = PathRays(glass, view, tuple(p for p in paths if p not in bare), fresnel)
-            total = weights[: len(paths)][rays.complete][:, rows, columns].sum(axis=0)
-            some.total = np.maximum(total, ENOUGH) if fresnel else np.ones(len(rows))
-        edge_weights, edge_cover = some.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
-        changed = np.flatnonzero(np.concatenate((fine, fine)))
-        weights[changed[:, None], rows, columns] = edge_weights
+        edge_weights, edge_cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
+        weights[:, rows, columns] = edge_weights
         known = hit.copy()
         known[rows, columns] = edge_cover > 0
         _spread(weights, known)
     weights, shares = weights.astype(np.float32).reshape(2, len(paths), height, width)
     return Regions(rect, paths, weights, inside, hit, shares)
-
-
-def may_lack_light(path: Path) -> bool:
-    """Whether rays may be met that hardly take any of the paths that such a one is among.
-
-    True of glasses with dozens of paths, and behind another glass, for which paths were not chosen.
-    """
-    return path.interfaces is not None or isinstance(path, optics.ChainedPath)
-
-
-def _goes_on(path: Path, first: optics.LightPath, other: Glass) -> bool:
-    """Whether the path goes on from the first glass's own to the other glass."""
-    return isinstance(path, optics.ChainedPath) and (path.first, path.behind) == (first, other.name)
 
 
 def coarse_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
@@ -200,15 +176,12 @@ def coarse_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
 
 
 class PathRays:
-    """Path weights of a glass along rays through pixel coordinates."""
+    """optics.LightPath weights of a glass along rays through pixel coordinates."""
 
     def __init__(self, glass: Glass, view: Viewpoint, paths, fresnel: bool) -> None:
         self.glass, self.view, self.paths, self.fresnel = glass, view, paths, fresnel
-        self.named = any(may_lack_light(path) for path in paths)
-        self.total = None
-        """(M,) by which filtered weights are divided, where other paths count too."""
-        self._firsts = tuple(dict.fromkeys(getattr(path, "first", path) for path in paths))
-        self.complete = np.array([not p.open for p in paths], bool)
+        self.named = any(path.interfaces is not None for path in paths)
+        """Whether rays may be met that hardly take any of the paths: there are dozens."""
         self.refracting = np.array(["R" not in p.events for p in paths], bool)
 
     def weights(self, x: np.ndarray, y: np.ndarray):
@@ -220,45 +193,11 @@ class PathRays:
         description = self.glass.description
         missed, _ = optics.path_weights(description, eye, directions, (optics.LightPath(""),))
         hit = missed[0] < 0.5
-        found = self._all_weights(eye, directions, hit)
+        found, _ = optics.path_weights(unbounded(description), eye, directions, self.paths)
         taken = (found > 0) & hit
         if not self.fresnel:
             found = (taken & self.refracting[:, None]).astype(float)
         return found, hit, taken
-
-    def _all_weights(self, eye, directions: np.ndarray, hit: np.ndarray) -> np.ndarray:
-        """(P, M) weights in the unbounded glass, of paths through two glasses too.
-
-        Along a path of this glass alone those rays count that then meet no other one.
-        """
-        description, firsts = unbounded(self.glass.description), self._firsts
-        found, _ = optics.path_weights(description, eye, directions, firsts)
-        weights = np.zeros((len(self.paths), len(directions)))
-        for number, path in enumerate(self.paths):
-            if path in firsts:
-                weights[number] = found[firsts.index(path)]
-        for first in {first for first, _ in self.glass.chained}.intersection(firsts):
-            light = found[firsts.index(first)]
-            some = np.flatnonzero((light > 0) & hit)
-            starts = eye if np.ndim(eye) == 1 else eye[some]
-            rays = onward(self.glass, starts, directions[some], first)
-            for which, other in enumerate(self.glass.others):
-                here = np.flatnonzero(rays.which == which)
-                if not len(here) or (first, other.name) not in self.glass.chained:
-                    continue
-                index = some[rays.index[here]]
-                if first in self.paths:
-                    weights[self.paths.index(first), index] = 0.0
-                numbers = [n for n, path in enumerate(self.paths) if _goes_on(path, first, other)]
-                then, _ = optics.path_weights(
-                    unbounded(other.description),
-                    other.to_local(rays.origin[here]),
-                    other.direction_to_local(rays.direction[here]),
-                    [self.paths[number].second for number in numbers],
-                )
-                for number, part in zip(numbers, then, strict=True):
-                    weights[number, index] = light[index] * part
-        return weights
 
     def shared(self, weights: np.ndarray) -> np.ndarray:
         """(P, M) weights that sum to one: what other paths bring is shared out among these.
@@ -268,61 +207,14 @@ class PathRays:
         """
         if not self.fresnel:
             return weights
-        total = weights[self.complete].sum(axis=0)
+        total = weights.sum(axis=0)
         if self.named:
             total = np.maximum(total, ENOUGH)
         return weights / np.where(total > 0, total, 1.0)
 
-    def transmittance(self, path: Path, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def transmittance(self, path: optics.LightPath, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(M, 3) what the media let through along a path."""
-        glass, rays = self.glass, self.view.rays_in(self.glass, x, y)
-        if not isinstance(path, optics.ChainedPath):
-            return glass.transmittance(*rays, path)
-        other = other_glass(glass, path)
-        left = optics.trace(unbounded(glass.description), *rays, path.first)
-        origin = glass.points_to_world(left.origin)
-        direction = left.direction @ glass.to_world[:3, :3].T
-        then = other.transmittance(
-            other.to_local(origin), other.direction_to_local(direction), path.second
-        )
-        return glass.transmittance(*rays, path.first) * then
-
-    def cut_off(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(M,) the part of the light along these paths that faces lack by which it would go."""
-        alone = tuple(path for path in self.paths if not isinstance(path, optics.ChainedPath))
-        eye, directions = self.view.rays_in(self.glass, x, y)
-        description = self.glass.description
-        whole, _ = optics.path_weights(unbounded(description), eye, directions, alone)
-        found, _ = optics.path_weights(description, eye, directions, alone)
-        if not self.fresnel:
-            whole, found = (whole > 0).astype(float), (found > 0).astype(float)
-        lost = (whole - found).sum(axis=0)
-        for first in {first for first, _ in self.glass.chained}.intersection(alone):
-            light = whole[alone.index(first)]
-            some = np.flatnonzero(light > 0.0)
-            starts = eye if np.ndim(eye) == 1 else eye[some]
-            lost[some] += light[some] * self._missed_behind(starts, directions[some], first)
-        return np.where(self._leaves_sideways(eye, directions), 1.0, lost)
-
-    def _missed_behind(self, starts, rays: np.ndarray, first: optics.LightPath) -> np.ndarray:
-        """(M,) the part of light, after a path of this glass, that others' ends send elsewhere."""
-        left = optics.trace(unbounded(self.glass.description), starts, rays, first)
-        origin = self.glass.points_to_world(left.origin)
-        direction = left.direction @ self.glass.to_world[:3, :3].T
-        lost = np.zeros(len(rays))
-        for other in self.glass.others:
-            body = as_body(other)
-            seconds = [p.second for p in self.paths if _goes_on(p, first, other)]
-            if body is None or not seconds:
-                continue
-            start, along = other.to_local(origin), other.direction_to_local(direction)
-            met = np.isfinite(optics.reach(body.description, start, along))
-            hit = np.isfinite(optics.first_met(other.description, start, along))
-            ends, _ = optics.path_weights(other.description, start, along, seconds)
-            whole, _ = optics.path_weights(unbounded(other.description), start, along, seconds)
-            gone = np.where(met & hit, (whole - ends).sum(axis=0), met != hit)
-            lost = np.maximum(lost, gone)
-        return np.where(left.valid, lost, 0.0)
+        return self.glass.transmittance(*self.view.rays_in(self.glass, x, y), path)
 
     def bounded(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(P, M) whether the path is taken with every face met within its extent."""
@@ -366,14 +258,11 @@ class PathRays:
         found[:, mixed] = np.take_along_axis(found[:, mixed], nearest[None], axis=2)
         found[:, ~hit.any(axis=1)] = 0.0
         means = found.mean(axis=2)
-        if self.total is not None:
-            shares = means / self.total
-        else:
-            shares = self.shared(found).mean(axis=2)
+        shares = self.shared(found).mean(axis=2)
         return np.concatenate((means, shares)), hit.mean(axis=1)
 
 
-def tints(glass: Glass, view: Viewpoint, regions: Regions, path: Path) -> np.ndarray:
+def tints(glass: Glass, view: Viewpoint, regions: Regions, path: optics.LightPath) -> np.ndarray:
     """(h, w, 3) what the glass's media let through along a path, for every pixel's centre.
 
     A few pixels beyond the path's region those of the nearest pixels in it.
@@ -472,11 +361,7 @@ def left_out_pixels(
             missing = _dark_rays(glass, view, scene.refractive_glass.min_weight, fresnel)
             count, left_out = count + missing.size, left_out + int(missing.sum())
             continue
-        paths = tuple(
-            path
-            for path in kept
-            if path.interfaces is None and not isinstance(path, optics.ChainedPath)
-        )
+        paths = tuple(path for path in kept if path.interfaces is None)
         if not fresnel:
             listed = optics.light_paths(glass.description, view.eye_for(glass))
             through = [path for path in listed if "R" not in path.events]

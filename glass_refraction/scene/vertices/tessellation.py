@@ -19,7 +19,6 @@ from mathutils.bvhtree import BVHTree
 
 from ... import optics
 from ..read.viewpoint import Viewpoint
-from .chains import exits
 
 MAX_VERTICES = 100_000
 """Refinement stops here; the bound that is reported then tells what was reached."""
@@ -35,9 +34,6 @@ SHORT_EDGE_PX = 1.0
 """An edge whose ends appear this near to each other is not split, whatever lies between them."""
 ACROSS_PX = 3.0
 """The same for an edge between whose ends an image slot ends."""
-WATERLINE_PX = 0.2
-"""The same where what goes on behind it is shown by other copies, and must meet them."""
-
 
 MOST_MET = 16
 """Triangles along one ray of a probe; another ray finds what lies behind so many."""
@@ -226,11 +222,9 @@ class EdgeImages:
         edges: np.ndarray,
         ends: Images,
         view: Viewpoint,
-        across_px: float = ACROSS_PX,
     ) -> None:
         """Of the edges (E, 2) of points (N, 3), whose images are ``ends``, their ends alone."""
         count = len(edges)
-        self._across_px = across_px
         self.edges, self.ends, self.view = edges, ends, view
         self.gap, self.length = np.zeros(count), np.zeros(count)
         self.across = np.zeros(count, bool)
@@ -311,7 +305,7 @@ class EdgeImages:
 
     def _least(self, aim: float) -> tuple[float, float]:
         """Pixels that an edge has to be long to be split: where a slot ends in it, elsewhere."""
-        least = max(self._across_px, 4 * aim) if self._across_px >= ACROSS_PX else self._across_px
+        least = max(ACROSS_PX, 4 * aim)
         return least, max(SHORT_EDGE_PX, aim)
 
     def _widen(self, which, places: np.ndarray, counts: np.ndarray) -> None:
@@ -363,7 +357,6 @@ def refine(
     rect: tuple[int, int, int, int],
     tolerance_px: float,
     importance: float = 1.0,
-    across_px: float = ACROSS_PX,
 ) -> Refined:
     """Split triangles until no edge's image in ``rect`` misses the true one by more than tolerated.
 
@@ -372,7 +365,6 @@ def refine(
     Parameters
     ----------
     importance : the path's part of the light; of the vertices that may be made it gets this part.
-    across_px : edges between whose ends an image slot ends are split until they are this short.
     """
     most, fine = importance * MAX_VERTICES, importance * FINE_VERTICES
     ends = solve(triangles.points)
@@ -384,7 +376,7 @@ def refine(
         aim = tolerance_px / INTERIOR
         if len(triangles.points) < fine:
             aim *= FINE_SHARE
-        found = EdgeImages(triangles.points, edges, ends, view, across_px)
+        found = EdgeImages(triangles.points, edges, ends, view)
         near = found.near(triangle_edges, rect)
         doubtful = found.doubtful(near, aim, may_hide_more(ends))
         asked = np.nonzero(doubtful)[0]
@@ -502,9 +494,6 @@ def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
     )
     origins, directions = view.rays(x.ravel(), y.ravel())
     starts, rays = glass.to_local(origins), glass.direction_to_local(directions)
-    if isinstance(path, optics.ChainedPath):
-        found = exits(glass, starts, rays, path)
-        return Probe(found.origin[found.valid], found.direction[found.valid])
     traced = optics.trace(glass.description, starts, rays, path)
     origin = glass.points_to_world(traced.origin[traced.valid])
     direction = traced.direction[traced.valid] @ glass.to_world[:3, :3].T
