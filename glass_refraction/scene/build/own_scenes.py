@@ -18,7 +18,7 @@ from ..bake.files import BAKE
 from ..memory import counters
 from ..names import TAG, hidden_name, load_group, own
 from ..read.glasses import glass_modifier
-from ..read.modifier_inputs import read_input, write_input
+from ..read.modifier_inputs import has_input, read_input, write_input
 from ..read.sources import is_carried
 
 NUMBER = "refractive_glass_number"
@@ -161,9 +161,10 @@ def _let_go(obj: bpy.types.Object) -> None:
 
 def source_of(carrier: bpy.types.Object) -> bpy.types.Object | None:
     """The object that an own object shows; None for a baked object that has no source."""
-    if own(carrier.modifiers[0].node_group, "baked"):
+    modifier = carrier.modifiers[0]
+    if own(modifier.node_group, "baked") or not has_input(modifier, "Source"):
         return None
-    return read_input(carrier.modifiers[0], "Source")
+    return read_input(modifier, "Source")
 
 
 def new_collection(role: str, scene: bpy.types.Scene) -> bpy.types.Collection:

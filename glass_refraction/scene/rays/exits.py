@@ -13,13 +13,15 @@ from ..read.viewpoint import Viewpoint
 from .hits import Shown, Ways
 from .lamps import Sun
 
-SIDES = ((2, 0.03), (3, 0.2))
+SIDES = ((2, 0.03), (3, 0.2), (5, 0.6))
 """Rays along either axis of a pixel in which ways end, by the part of the light that ends there."""
 STEADY_PX = 1.5
 """Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
+END = 0.6
+"""What light that ends counts: an outline is smooth with few rays."""
 STRETCH = 0.07
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""
-MOST_STRETCHED_PX = 4.0
+MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
 ENOUGH = 0.25
 """Part of a ray's light that must have been followed to stand for all of it."""
@@ -185,7 +187,7 @@ def ending(
         ahead, behind = beside.ahead[axis], beside.behind[axis]
         for sign, partner, there in zip((1, -1), (ahead, behind), beside.inner[axis], strict=True):
             ends = np.flatnonzero(there & (partner < 0))
-            mark(ends, sign * step, ways.weight[ends])
+            mark(ends, sign * step, END * ways.weight[ends])
         a = np.flatnonzero(ahead >= 0)
         b = ahead[a]
         weight = np.maximum(ways.weight[a], ways.weight[b])
@@ -194,7 +196,7 @@ def ending(
         # Elsewhere nothing has filtered what lies between the two.
         begins = (shown.view[a] != shown.view[b]) | (label[a] != label[b])
         stretched = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
-        mark(a, step, weight * np.where(looked_up, stretched, begins))
+        mark(a, step, weight * np.where(looked_up, stretched, END * begins))
     return rough
 
 

@@ -27,7 +27,7 @@ from .exits import (
     neighbours,
     sun_light,
 )
-from .hits import KNOWN, UNSEEN, Scene, Shown, Ways, place_captures, show
+from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
 from .radiance import Sky, known_light, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .things import Things
@@ -71,6 +71,14 @@ class FrameInput:
 
 
 @dataclass(frozen=True)
+class Room:
+    """Views that the compositor has room for, beside the direct picture."""
+
+    captures: int
+    skies: int
+
+
+@dataclass(frozen=True)
 class ViewReport:
     """What one radiance view gives: its name, samples a pixel, part of the light of all hits."""
 
@@ -85,7 +93,8 @@ class FrameResult:
 
     Attributes
     ----------
-    captures : the cameras in use. samples : a pixel, of each.
+    cameras : of each view beside the direct picture, None where it is not needed.
+    samples : a pixel, of each of these.
     views : the pictures of each view's samples, the direct picture's first.
     alphas : weights without tints of the same samples.
     spread, beside, known, known_alpha : see :mod:`sum_tree`.
@@ -93,7 +102,7 @@ class FrameResult:
     rays, ways : how many were followed and found. covered : pixels that any glass covers.
     """
 
-    captures: tuple[RadianceView, ...]
+    cameras: tuple[RadianceView | None, ...]
     samples: tuple[int, ...]
     views: tuple[Packed, ...]
     alphas: tuple[np.ndarray, ...]
@@ -116,20 +125,15 @@ class Glints:
     colour: np.ndarray
 
 
-def compute(frame: FrameInput, caster: Caster, views: int) -> FrameResult:
-    """The pictures of one frame.
-
-    Parameters
-    ----------
-    views : views that the compositor has room for, the direct picture among them.
-    """
+def compute(frame: FrameInput, caster: Caster, room: Room) -> FrameResult:
+    """The pictures of one frame."""
     bodies = [body for body in map(as_body, frame.glasses) if body is not None]
     centre, scale = _place_and_size(bodies, frame.view)
     caster.aim(frame.things, centre, scale)
     scene = Scene(caster, frame.things, sky_is_known=frame.sky.radiance is not None)
     direct = direct_view(frame.view, frame.region, frame.near)
-    rays, shown, captures, glints = _followed(frame, scene, direct, bodies, scale)
-    return _summed(frame, scene, [direct, *captures], rays, shown, glints, views)
+    rays, shown, views, glints = _followed(frame, scene, direct, bodies, scale, room)
+    return _summed(frame, scene, views, rays, shown, glints)
 
 
 def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarray, float]:
@@ -169,8 +173,10 @@ def _cut(rect, region) -> tuple[int, int, int, int]:
     )
 
 
-def _followed(frame: FrameInput, scene: Scene, direct: RadianceView, bodies, scale: float):
-    """The picture's rays, what shows their hits, and the captures placed for them."""
+def _followed(
+    frame: FrameInput, scene: Scene, direct: RadianceView, bodies, scale: float, room: Room
+):
+    """The picture's rays, what shows their hits, all views, and the suns' glints."""
     view = frame.view
     rects = [_cut(_rect(body, view), frame.region) for body in bodies]
     pixels = grid(rects, view.size)
@@ -212,10 +218,11 @@ def _followed(frame: FrameInput, scene: Scene, direct: RadianceView, bodies, sca
         return Ways.joined(parts), lost
 
     coarse = centre_rays(view, pixels, follow)
-    captures = place_captures(
-        scene, direct, coarse.ways, frame.captures, frame.aspect, NEAREST * scale
-    )
-    views = [direct, *captures]
+    most = min(frame.captures, room.captures)
+    captures = place_captures(scene, direct, coarse.ways, most, frame.aspect, NEAREST * scale)
+    views = [direct, *captures, *[None] * (room.captures - len(captures))]
+    skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
+    views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
     beside = neighbours(coarse, view.size)
     rough = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)[pixels]
@@ -230,7 +237,7 @@ def _followed(frame: FrameInput, scene: Scene, direct: RadianceView, bodies, sca
         fine = finer_rays(view, some, side, sigma, follow)
         parts.append((fine, show(scene, views, fine.ways)))
     rays, shown = _together([part for part, _ in parts]), Shown.joined([s for _, s in parts])
-    return rays, shown, captures, glint
+    return rays, shown, views, glint
 
 
 def _bands(glasses: Sequence[Glass]) -> list[tuple[str, list[optics.PlacedGlass]]]:
@@ -291,11 +298,10 @@ def _together(parts: list[PictureRays]) -> PictureRays:
 def _summed(
     frame: FrameInput,
     scene: Scene,
-    views: list[RadianceView],
+    views: Views,
     rays: PictureRays,
     shown: Shown,
     glints: Glints,
-    room: int,
 ) -> FrameResult:
     """The samples of all ways, packed for the compositor."""
     ways = rays.ways
@@ -312,11 +318,12 @@ def _summed(
     covering = np.bincount(pixel, share * ways.weight, width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
     samples, parts, alphas, reports = [], [], [], []
-    for number in range(room):
-        some = np.flatnonzero(shown.view == number) if number < len(views) else np.zeros(0, int)
+    skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
+    for number, view in enumerate(views):
+        some = np.flatnonzero(shown.view == number)
         order = some[np.argsort(pixel[some], kind="stable")]
         order = order[strongest(pixel[order], ways.weight[order])]
-        uv = views[number].uv(shown.pixels[order]) if len(order) else np.zeros((0, 2))
+        uv = view.uv(shown.pixels[order]) if len(order) else np.zeros((0, 2))
         part = pack(packed, pixel[order], uv, ways.colour[order] * share[order, None])
         alpha = np.zeros_like(part.colour)
         flat = alpha.reshape(-1, 4)
@@ -326,8 +333,9 @@ def _summed(
         worth = _worth(pixel[order], ways.weight[order] * share[order])
         count = frame.samples if number == 0 else max(1, int(np.ceil(worth * frame.samples)))
         samples.append(count)
-        if number < len(views):
-            name = "direct" if number == 0 else f"capture {number}"
+        if view is not None:
+            name = f"capture {number}" if number else "direct"
+            name = f"sky {skies.index(number) + 1}" if view.sky_only else name
             carried = float(ways.weight[order].sum() / light) if light > 0.0 else 0.0
             reports.append(ViewReport(name, count, carried))
     lit = np.flatnonzero(glints.colour.any(axis=1))
@@ -336,7 +344,7 @@ def _summed(
     sky_alpha = np.where(ways.is_sky, frame.sky.alpha, 1.0) * (shown.view == KNOWN)
     opaque = (sky_alpha * ways.weight * share)[:, None] * np.ones(3)
     return FrameResult(
-        captures=tuple(views[1:]),
+        cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
         views=tuple(parts),
         alphas=tuple(alphas),

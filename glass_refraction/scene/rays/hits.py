@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .caster import Caster
 from .things import Things
-from .views import RadianceView, aimed_view, virtual_eye
+from .views import WIDEST, RadianceView, aimed_view, virtual_eye
 
 UNSEEN, KNOWN = -1, -2
 """In place of a view's number: no view shows the hit; its radiance is known without one."""
@@ -19,6 +20,8 @@ CAPTURE_WORTH = 0.8
 """A capture's resolution counts this much of the direct picture's: it has fewer samples."""
 ENOUGH_SEEN = 0.002
 """Part of all light: while less than this is unseen no further capture is placed."""
+FAINT_SKY = 0.002
+"""Part of the sky's light: while less than this is unseen no further view of it is placed."""
 KINDS = 5
 """Of light paths whose virtual eyes are tried for a capture, those with most unseen light."""
 NEAR_SHARE = 0.5
@@ -97,6 +100,10 @@ class Shown:
         )
 
 
+Views = Sequence[RadianceView | None]
+"""By number; None where a frame needs fewer."""
+
+
 class Scene:
     """The things that ways meet, ready to be looked for in views."""
 
@@ -133,7 +140,7 @@ class Scene:
             pixels[sky], inside = view.pixels_of_sky(ways.direction[sky])
             worth[sky] = inside * view.focal_px
         some = np.flatnonzero(~ways.is_sky)
-        if len(some):
+        if len(some) and not view.sky_only:
             points = ways.point[some]
             pixels[some], inside = view.pixels(points)
             if view.is_parallel:
@@ -158,6 +165,8 @@ class Scene:
 
     def sees(self, view: RadianceView, ways: Ways) -> np.ndarray:
         """(K,) whether nothing stands between a view and the hits, which lie in its frame."""
+        if view.sky_only:
+            return ways.is_sky
         sky = ways.is_sky
         origins, directions, lengths = view.sight(ways.point)
         if sky.any():
@@ -169,7 +178,7 @@ class Scene:
         return np.where(sky, triangle < 0, met)
 
 
-def show(scene: Scene, views: list[RadianceView], ways: Ways) -> Shown:
+def show(scene: Scene, views: Views, ways: Ways) -> Shown:
     """For each way the view that shows its hit best; the first view is the direct picture."""
     total = len(ways)
     chosen = np.full(total, UNSEEN, np.intp)
@@ -177,13 +186,13 @@ def show(scene: Scene, views: list[RadianceView], ways: Ways) -> Shown:
     known = scene.is_known(ways)
     chosen[known] = KNOWN
     rows = np.flatnonzero(~known)
-    numbered = dict(enumerate(views))
+    numbered = {number: view for number, view in enumerate(views) if view is not None}
     # What a glossy surface shows depends on where it is seen from: all views are compared. Else
     # the direct picture, which has the most samples, shows what it can.
     glossy = scene.is_glossy(ways)[rows]
     _choose(scene, numbered, ways, rows[glossy], chosen, pixels)
     matte = rows[~glossy]
-    _choose(scene, {0: views[0]}, ways, matte, chosen, pixels)
+    _choose(scene, {0: numbered[0]}, ways, matte, chosen, pixels)
     captures = {number: view for number, view in numbered.items() if number}
     _choose(scene, captures, ways, matte[chosen[matte] == UNSEEN], chosen, pixels)
     return Shown(chosen, pixels)
@@ -284,12 +293,33 @@ def _capture_from(eye, ways: Ways, direct: RadianceView, aspect: float, near: fl
     if not len(ahead):
         return view
     nearer = max(near, NEAR_SHARE * float(ahead.min()))
-    return RadianceView(
-        view.eye,
-        view.to_camera,
-        view.projection,
-        view.size,
-        view.region,
-        view.picture,
-        nearer,
-    )
+    return replace(view, near=nearer)
+
+
+def place_skies(
+    scene: Scene, views: Views, ways: Ways, most: int, aspect: float
+) -> list[RadianceView]:
+    """Cameras that show the world alone, for directions in which no other view shows it."""
+    direct = views[0]
+    sky = np.flatnonzero(ways.is_sky)
+    if scene.sky_is_known or not len(sky):
+        return []
+    ways = ways.take(sky[:: max(1, len(sky) // TRIED)])
+    total = ways.weight.sum()
+    left = ways.take(np.flatnonzero(show(scene, views, ways).view == UNSEEN))
+    found: list[RadianceView] = []
+    while len(found) < most and left.weight.sum() > FAINT_SKY * total:
+        # Round the direction near which most of the light comes from.
+        near = left.direction @ left.direction[:: max(1, len(left) // 200)].T > np.cos(WIDEST)
+        axis = int((left.weight[:, None] * near).sum(axis=0).argmax())
+        here = np.flatnonzero(near[:, axis])
+        view = aimed_view(
+            direct.eye, left.direction[here], left.weight[here], 0.0, direct, aspect, 1.0
+        )
+        view = replace(view, sky_only=True)
+        _, inside = view.pixels_of_sky(left.direction)
+        if not inside.any():
+            break
+        found.append(view)
+        left = left.take(np.flatnonzero(~inside))
+    return found

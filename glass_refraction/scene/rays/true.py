@@ -21,12 +21,12 @@ from ..build.own_scenes import (
     write_setting,
 )
 from ..memory import Status, counters, memory_of
-from ..names import hidden_name
+from ..names import TAG, hidden_name
 from ..read.glasses import glass_modifier, read_glasses
 from ..read.viewpoint import Viewpoint, border_window, render_size
 from ..read.visibility import rendered_layer
 from .caster import Caster, fill_cast_collection
-from .frame import FrameInput, FrameResult, compute
+from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
 from .radiance import sky_of
 from .samples import LEVELS
@@ -34,10 +34,14 @@ from .sum_tree import Pictures, SumTree, write_kernels
 from .things import read_things
 from .views import RadianceView
 
-CAPTURE, CAST = "capture", "cast"
-"""Roles of own scenes: one for each capture, and one in which rays are cast."""
-MOST_CAPTURES = 3
-"""Captures that the compositor tree has room for."""
+CAPTURE, SKY, CAST = "capture", "sky", "cast"
+"""Roles of own scenes: for captures, for views of the world alone, and one that rays are cast in."""
+ROOM = Room(captures=3, skies=3)
+"""Views that the compositor tree has room for."""
+LEAST_CLIP = 1e-4
+"""Metres: where a view of the world begins to see."""
+FAR, FARTHEST = 1e4, 1e6
+"""How far views see: metres at least, and times the distance at which they begin to see."""
 _STRUCTURE = "refractive_glass_structure"
 
 
@@ -50,42 +54,43 @@ def prepare(scene: bpy.types.Scene) -> None:
     if not cast.collection.children:
         fill_cast_collection(new_collection(CAST, cast))
         synchronise(cast.view_layers[0])
-    captures = [own_scene(scene, CAPTURE, number) for number in range(MOST_CAPTURES)]
-    for capture in captures:
-        _fill_capture(scene, capture)
-    _match_captures(scene, captures)
+    views = [own_scene(scene, CAPTURE, number) for number in range(ROOM.captures)]
+    views += [own_scene(scene, SKY, number) for number in range(ROOM.skies)]
+    for view in views:
+        _fill_view(scene, view)
+    _match_views(scene, views)
     alpha = scene.render.film_transparent
-    structure = f"true {MOST_CAPTURES} {LEVELS} {alpha}"
+    structure = f"true {ROOM} {LEVELS} {alpha}"
     node = group_node(scene)
     if node is None or node.node_tree is None or node.node_tree.get(_STRUCTURE) != structure:
         counters["structures"] += 1
-        tree = SumTree(scene, captures, alpha=alpha).tree
+        tree = SumTree(scene, views, alpha=alpha).tree
         tree[_STRUCTURE] = structure
-        insert_group(scene, tree, captures)
+        insert_group(scene, tree, views)
     write_kernels()
 
 
 def remove(scene: bpy.types.Scene) -> None:
     """Remove the own scenes of True shading."""
-    remove_own_scenes(scene, (CAPTURE, CAST))
+    remove_own_scenes(scene, (CAPTURE, SKY, CAST))
 
 
-def _fill_capture(scene: bpy.types.Scene, capture: bpy.types.Scene) -> None:
-    """A camera of its own, and all that the user's scene shows."""
-    if capture.background_set != scene:
-        capture.background_set = scene
-    if capture.collection.children:
+def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
+    """A camera of its own, and in a capture all that the user's scene shows."""
+    if view[TAG] == CAPTURE and view.background_set != scene:
+        view.background_set = scene
+    if view.collection.children:
         return
-    collection = new_collection(CAPTURE, capture)
-    camera = new_object(CAPTURE, bpy.data.cameras.new(hidden_name(CAPTURE)), collection)
-    capture.camera = camera
-    synchronise(capture.view_layers[0])
+    collection = new_collection(view[TAG], view)
+    camera = new_object(view[TAG], bpy.data.cameras.new(hidden_name(view[TAG])), collection)
+    view.camera = camera
+    synchronise(view.view_layers[0])
 
 
-def _match_captures(scene: bpy.types.Scene, captures: list[bpy.types.Scene]) -> None:
-    """Give the captures the user's settings; cameras and samples are a frame's."""
+def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
+    """Give the views the user's settings; cameras and samples are a frame's."""
     user_layer = rendered_layer(scene)
-    for capture in captures:
+    for capture in views:
         kept = {
             "scene": {"camera": capture.camera},
             "render": {"use_compositing": False, "use_sequencer": False, "use_multiview": False},
@@ -103,11 +108,9 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     """Write one frame's pictures, cameras and samples."""
     started = time.perf_counter()
     problems: list[str] = []
-    captures = find_own_scenes(scene, (CAPTURE,))
-    result = compute(
-        _read(scene, depsgraph, view, problems), _caster(scene), 1 + len(captures)
-    )
-    _write(scene, captures, result)
+    views = find_own_scenes(scene, (CAPTURE, SKY))
+    result = compute(_read(scene, depsgraph, view, problems), _caster(scene), ROOM)
+    _write(scene, views, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
         problems=problems,
@@ -181,7 +184,7 @@ def _samples(scene: bpy.types.Scene):
     return scene.eevee, "taa_render_samples"
 
 
-def _write(scene: bpy.types.Scene, captures: list[bpy.types.Scene], result: FrameResult) -> None:
+def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameResult) -> None:
     pictures = Pictures(scene)
     for number, (packed, alpha) in enumerate(zip(result.views, result.alphas, strict=True)):
         pictures.write_view(number, packed)
@@ -189,13 +192,12 @@ def _write(scene: bpy.types.Scene, captures: list[bpy.types.Scene], result: Fram
     for name in ("spread", "beside", "known"):
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
-    _match_captures(scene, captures)
-    for number, capture in enumerate(captures):
-        used = number < len(result.captures)
-        write_setting(capture.view_layers[0], "use", used)
-        if used:
-            _aim_camera(capture.camera, result.captures[number])
-            write_setting(*_samples(capture), result.samples[number])
+    _match_views(scene, views)
+    for view, camera, samples in zip(views, result.cameras, result.samples, strict=True):
+        write_setting(view.view_layers[0], "use", camera is not None)
+        if camera is not None:
+            _aim_camera(view.camera, camera)
+            write_setting(*_samples(view), samples)
 
 
 def _aim_camera(camera: bpy.types.Object, view: RadianceView) -> None:
@@ -210,7 +212,8 @@ def _aim_camera(camera: bpy.types.Object, view: RadianceView) -> None:
     aspect = (p[0, 0] * width) / (p[1, 1] * height)
     data.shift_x = (0.5 * width - origin[0]) / width
     data.shift_y = (0.5 * height - origin[1]) * aspect / width
-    data.clip_start, data.clip_end = view.near, max(1e6 * view.near, 1e3)
+    data.clip_start = max(view.near, LEAST_CLIP)
+    data.clip_end = max(FARTHEST * view.near, FAR)
     pose = np.eye(4)
     pose[:3, :3] = view.to_camera[:3, :3].T
     pose[:3, 3] = view.eye

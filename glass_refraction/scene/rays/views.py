@@ -31,6 +31,7 @@ class RadianceView:
     picture : (x0, y0, x1, y1) pixels of the frame that the picture holds.
     near : metres before the eye, along the view direction, from where it sees.
     is_parallel : orthographic.
+    sky_only : it shows the world alone.
     """
 
     eye: np.ndarray
@@ -41,6 +42,7 @@ class RadianceView:
     picture: tuple[int, int, int, int]
     near: float
     is_parallel: bool = False
+    sky_only: bool = False
 
     @property
     def forward(self) -> np.ndarray:
