@@ -13,6 +13,15 @@ def rendered_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
     return next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
 
 
+def any_depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph | None:
+    """The depsgraph of the view layer that the glass is computed in, or of another one.
+
+    None where Blender has not evaluated the scene: nobody looks at it.
+    """
+    layers = (rendered_layer(scene), *scene.view_layers)
+    return next((layer.depsgraph for layer in layers if layer.depsgraph is not None), None)
+
+
 def rendered_objects(
     view_layer: bpy.types.ViewLayer, *, hidden: bool = False
 ) -> Iterator[bpy.types.Object]:
