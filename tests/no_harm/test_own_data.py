@@ -380,7 +380,7 @@ def test_a_blender_without_the_extension_opens_renders_and_saves(scene, tmp_path
     scene = bpy.context.scene
     _prepare(scene)
     assert door.status(scene).problems == []
-    sources = {own_layers.source_of(c).name for c in find_layers(scene).copies().values()}
+    sources = {own_scenes.source_of(c).name for c in find_layers(scene).copies().values()}
     assert sources == {"Renamed"}
 
 
