@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .rays.caster import Caster
     from .rays.frame import ViewReport
+    from .read.glasses import Glass
     from .read.sources import Snapshot
     from .vertices.appearance import Appearance, Source
     from .vertices.regions import Regions
@@ -69,7 +70,7 @@ class Memory:
     ----------
     plan : what the own scenes of displaced copies were made for; None if there are none.
     regions : pane -> of its light paths.
-    shown : pane -> the glass and the paths in its slots, as they were at the last update.
+    shown : pane -> the glass, and the paths by their slots, as they were at the last update.
     copies : what each copy holds; no entry where it is empty.
     occluders : session uid -> of objects that Geometry Nodes cannot take.
     probes : (pane, path) -> rays of the path.
@@ -82,7 +83,7 @@ class Memory:
 
     plan: Plan | None = None
     regions: dict[int, tuple[tuple, Regions]] = field(default_factory=dict)
-    shown: dict[int, tuple[object, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
+    shown: dict[int, tuple[Glass | None, dict[int, optics.LightPath]]] = field(default_factory=dict)
     copies: dict[CopyKey, tuple[tuple, Source, Appearance]] = field(default_factory=dict)
     occluders: dict[int, Snapshot] = field(default_factory=dict)
     probes: dict[tuple[int, optics.LightPath], tuple[tuple, Probe]] = field(default_factory=dict)

@@ -20,11 +20,19 @@ class Pane:
     number : among all panes of the scene; own layers and images are found by it.
     band : "red", "green" or "blue"; empty where light of all colours goes one way.
     slots : light paths that a frame may show.
+    open_slots : how many of these, the last ones, are for open paths, which end in what the glass
+        holds.
     """
 
     number: int
     band: str
     slots: int
+    open_slots: int = 0
+
+    @property
+    def whole_slots(self) -> int:
+        """How many slots are for paths that leave the glass."""
+        return self.slots - self.open_slots
 
     def layer(self, slot: int) -> str:
         """Name of the view layer of one slot's copies."""

@@ -159,8 +159,6 @@ class _Scene:
         for name in (
             "shading",
             "surface",
-            "mirrors",
-            "lookup_samples",
             "tolerance_px",
             "min_weight",
         ):

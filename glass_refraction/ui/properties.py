@@ -50,25 +50,6 @@ class SceneSettings(bpy.types.PropertyGroup):
         default="GLASS",
         update=_changed,
     )
-    mirrors: bpy.props.EnumProperty(
-        name="Mirrors",
-        description="How things mirrored in the glass are shown (Surface: Glass)",
-        items=(
-            (
-                "RAYS",
-                "Rays",
-                "Cycles follows each pixel's ray straight on from where it leaves the glass: "
-                "sharp, lit where things are, also what the camera does not see",
-            ),
-            (
-                "COPIES",
-                "Copies",
-                "Displaced copies, as along all other paths; large faces are subdivided finely",
-            ),
-        ),
-        default="RAYS",
-        update=_changed,
-    )
     min_weight: bpy.props.FloatProperty(
         name="Minimum Weight",
         description="Light paths that carry less than this part of the light of every ray are "
@@ -88,17 +69,6 @@ class SceneSettings(bpy.types.PropertyGroup):
         min=0.01,
         soft_max=4.0,
         subtype="PIXEL",
-        update=_changed,
-    )
-    lookup_samples: bpy.props.EnumProperty(
-        name="Lookup Samples",
-        description="Places looked up in each pixel, a side (True shading)",
-        items=(
-            ("1", "1 x 1", "Fastest; edges are not smoothed"),
-            ("3", "3 x 3", "Smooth edges"),
-            ("5", "5 x 5", "Smoothest; takes more memory"),
-        ),
-        default="3",
         update=_changed,
     )
     captures: bpy.props.IntProperty(

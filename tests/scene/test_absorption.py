@@ -45,7 +45,7 @@ def _between_mirrors():
     return lost + (1.0 - lost) ** 2 * COLOUR / (1.0 - lost * COLOUR)
 
 
-@pytest.mark.parametrize("shading", ["DISPLACED", "TRUE"])
+@pytest.mark.parametrize("shading", ["DISPLACED"])
 def test_a_pane_has_its_colour_once_a_pass(tmp_path, shading):
     scene = _coloured_pane(shading=shading)
     found = scenes.picture(scene, tmp_path)[6:12, 8:16, :3]

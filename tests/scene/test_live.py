@@ -29,7 +29,7 @@ def _scene(shape="CYLINDER", **values):
     ball = bpy.context.object
     glass = scenes.glass(shape=shape, **values)
     scene = scenes.settings(
-        200, 150, surface="REFRACTION", shading="TRUE", tolerance_px=TOLERANCE_PX
+        200, 150, surface="REFRACTION", shading="DISPLACED", tolerance_px=TOLERANCE_PX
     )
     return scene, ball, glass
 

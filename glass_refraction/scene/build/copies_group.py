@@ -172,6 +172,9 @@ class _Group:
             copies = self._layer(self.layers.displaced, pane.layer(slot))
             part = self._vector("MULTIPLY", copies.outputs["Image"], weight)
             colour = self._vector("ADD", colour, part)
+            if slot >= pane.whole_slots:
+                # Behind what a glass holds the whole paths show what they show.
+                continue
             left = self._math("SUBTRACT", 1.0, copies.outputs["Alpha"])
             uncovered = self._vector("ADD", uncovered, self._scaled(weight, left))
         colour = self._vector("ADD", colour, self._vector("MULTIPLY", behind[0], uncovered))

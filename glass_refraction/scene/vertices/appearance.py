@@ -64,6 +64,8 @@ class Solver:
             points,
             tolerance=tolerance,
             guess=guess,
+            # What an open path shows on earlier stretches is another open path's to show.
+            last=self.path.open,
         )
 
     def images(self, points: np.ndarray) -> Images:
@@ -270,15 +272,10 @@ class Search:
         return source.snapshot.placed(self.solver.glass.from_world())
 
     def _passes_by(self, points: np.ndarray) -> bool:
-        """A faint path is not searched for objects that its rays pass by.
-
-        The probe knows the rays after the last event alone, which what a glass holds never meets.
-        """
+        """A faint path is not searched for objects that its rays pass by."""
         if not len(points):
             return True
-        if self.importance >= FAINT or self.solver.glass.holds(points).any():
-            return False
-        return not self.probe.meets_box(points)
+        return self.importance < FAINT and not self.probe.meets_box(points)
 
     def _unseen(self, source: Source, triangles, of_source, found) -> Appearance:
         watched = np.empty((0, 2), int)

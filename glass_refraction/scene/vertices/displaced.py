@@ -47,14 +47,21 @@ from ..read.glasses import (
     read_glass,
 )
 from ..read.modifier_inputs import read_input
-from ..read.sources import Snapshot, is_carried, pieces, seen_through, source_objects
+from ..read.sources import (
+    Snapshot,
+    is_carried,
+    pieces,
+    reaches_into,
+    seen_through,
+    source_objects,
+)
 from ..read.viewpoint import Viewpoint
 from ..read.visibility import rendered_layer
 from ..read.world import is_uniform, world_colour
 from .appearance import Appearance, Search, Solver, Source
 from .copies import empty_copy, write_copy, write_true_mesh
 from .hull import faces_eye, first_face
-from .kept_paths import kept_paths, slot_count
+from .kept_paths import OPEN_SLOTS, kept_paths, open_paths, slot_count
 from .motion_blur import SOLVED, frame_time, keep_moment
 from .path_keys import path_key
 from .regions import Regions, path_regions, tints
@@ -113,9 +120,10 @@ def _plan(scene: bpy.types.Scene, glasses, sources) -> Plan:
     planned, count = [], 0
     for number, obj in enumerate(glasses):
         named = read_input(glass_modifier(obj), "Shape") in NAMED_SHAPES
-        slots = slot_count(scene, named=named)
+        open_slots = OPEN_SLOTS if named else 0
+        slots = slot_count(scene, named=named) + open_slots
         bands = tuple(optics.LINES) if may_disperse(obj) else ("",)
-        panes = tuple(Pane(count + k, band, slots) for k, band in enumerate(bands))
+        panes = tuple(Pane(count + k, band, slots, open_slots) for k, band in enumerate(bands))
         count += len(panes)
         seen = tuple(source.session_uid for source in seen_through(obj, sources))
         planned.append(GlassPlan(number, obj.session_uid, obj.name, panes, seen))
@@ -189,7 +197,11 @@ def updating(
     shapes = [shape for _, _, shape in memory.copies.values()]
     memory.status = Status(
         vertices=sum(shape.vertices for shape in shapes),
-        paths=tuple(dict.fromkeys(path_key(p) for _, ps in memory.shown.values() for p in ps)),
+        paths=tuple(
+            dict.fromkeys(
+                path_key(p) for _, ps in memory.shown.values() for p in ps.values() if not p.open
+            )
+        ),
         milliseconds=1e3 * (time.perf_counter() - started),
         bound_px=max((shape.bound_px for shape in shapes), default=0.0),
         problems=[*memory.standing, *frame.problems],
@@ -230,7 +242,7 @@ class _Frame:
         used = {
             pane.layer(slot)
             for pane in self.memory.plan.panes
-            for slot in range(len(self.memory.shown[pane.number][1]))
+            for slot in self.memory.shown[pane.number][1]
         }
         use_layers(self.layers.displaced, used)
         use_layers(
@@ -243,7 +255,7 @@ class _Frame:
         self._hull(planned, glass)
         for pane in planned.panes:
             if glass is None:
-                self._blank(pane, 0)
+                self._blank(pane)
                 continue
             yield from self._pane(planned, pane, glass.in_light(pane.band) if pane.band else glass)
 
@@ -278,48 +290,73 @@ class _Frame:
         mesh.update()
 
     def _pane(self, planned: GlassPlan, pane: Pane, glass: Glass) -> Iterator[Step]:
-        paths = kept_paths(self.scene, glass, self.view)
-        if len(paths) > pane.slots:
-            self.problems.append(
-                f'Glass "{planned.name}": {len(paths) - pane.slots} of {len(paths)} light paths '
-                "are left out; raise Minimum Weight"
-            )
-            paths = paths[: pane.slots]
-        self.memory.shown[pane.number] = (glass, paths)
-        regions = self._regions(pane, glass, paths)
+        shown = self._paths(planned, pane, glass)
+        self.memory.shown[pane.number] = (glass, shown)
+        regions = self._regions(pane, glass, shown)
         self._rects.append(regions.rect)
-        total = max(1, len(self._copies))
-        for slot, path in enumerate(paths):
+        total, shown_now = max(1, len(self._copies)), set()
+        for slot, path in shown.items():
             task = _Task(self, pane, slot, glass, path, regions)
-            for uid in planned.sources:
+            for uid in planned.sources if not path.open else self._held(planned, glass):
                 copy = self._copies.get((pane.number, slot, uid))
-                if copy is None:
+                if copy is None or not self._is_seen(uid):
                     continue
                 source = source_of(copy)
                 yield Step(self._done / total, f"{source.name} along {path}")
                 self._done += 1
-                if is_shown(source, self.depsgraph) and source.visible_camera:
-                    task.update(copy, source)
-                else:
-                    self._empty((pane.number, slot, uid))
-        self._blank(pane, len(paths))
-
-    def _blank(self, pane: Pane, first: int) -> None:
-        """Leave slots from a number on empty."""
-        if first == 0:
-            self.memory.shown[pane.number] = (None, ())
-            self.memory.regions.pop(pane.number, None)
-            write_rest(self._images, pane, None)
-        for slot in range(first, pane.slots):
+                task.update(copy, source)
+                shown_now.add((pane.number, slot, uid))
+        for slot in set(range(pane.slots)) - shown.keys():
             write_slot(self._images[pane.number, slot], None)
-        for key in [k for k in self.memory.copies if k[0] == pane.number and k[1] >= first]:
+        self._empty_others(pane, shown_now)
+
+    def _paths(self, planned: GlassPlan, pane: Pane, glass: Glass) -> dict[int, optics.LightPath]:
+        """Slot -> the path that is shown in it."""
+        paths = kept_paths(self.scene, glass, self.view)
+        if len(paths) > pane.whole_slots:
+            self.problems.append(
+                f'Glass "{planned.name}": {len(paths) - pane.whole_slots} of {len(paths)} light '
+                "paths are left out; raise Minimum Weight"
+            )
+        shown = dict(enumerate(paths[: pane.whole_slots]))
+        if pane.open_slots and self._held(planned, glass):
+            begins = open_paths(self.scene, glass, self.view)
+            shown |= dict(enumerate(begins, pane.whole_slots))
+        return shown
+
+    def _held(self, planned: GlassPlan, glass: Glass) -> list[int]:
+        """Session uids of the shown objects that reach into a glass."""
+        return [
+            uid
+            for uid in planned.sources
+            if self._is_seen(uid) and reaches_into(glass, self._objects[uid], self.depsgraph)
+        ]
+
+    def _is_seen(self, uid: int) -> bool:
+        """Whether a source is there now, and rays of the camera see it."""
+        source = self._objects.get(uid)
+        return source is not None and source.visible_camera and is_shown(source, self.depsgraph)
+
+    def _blank(self, pane: Pane) -> None:
+        """Show nothing through a glass: what is behind it then is the direct picture."""
+        self.memory.shown[pane.number] = (None, {})
+        self.memory.regions.pop(pane.number, None)
+        write_rest(self._images, pane, None)
+        for slot in range(pane.slots):
+            write_slot(self._images[pane.number, slot], None)
+        self._empty_others(pane, set())
+
+    def _empty_others(self, pane: Pane, shown: set) -> None:
+        """Empty the copies of a pane but for those that are shown."""
+        for key in [k for k in self.memory.copies if k[0] == pane.number and k not in shown]:
             self._empty(key)
 
     def _empty(self, key) -> None:
         if self.memory.copies.pop(key, None) is not None and key in self._copies:
             empty_copy(self._copies[key])
 
-    def _regions(self, pane: Pane, glass: Glass, paths) -> Regions:
+    def _regions(self, pane: Pane, glass: Glass, shown) -> Regions:
+        paths = tuple(shown.values())
         fresnel = self.scene.refractive_glass.surface == "GLASS"
         stamp = (glass.stamp(), self.view.stamp(), paths, fresnel)
         known = self.memory.regions.get(pane.number)
@@ -328,17 +365,21 @@ class _Frame:
         regions = path_regions(glass, self.view, paths, fresnel=fresnel)
         counters["masks"] += 1
         counters["mask_pixels"] += regions.hit.size
-        self._write_weights(pane, glass, regions, fresnel)
+        self._write_weights(pane, glass, regions, fresnel, tuple(shown))
         self.memory.regions[pane.number] = (stamp, regions)
         return regions
 
-    def _write_weights(self, pane: Pane, glass: Glass, regions: Regions, fresnel: bool) -> None:
+    def _write_weights(self, pane: Pane, glass: Glass, regions: Regions, fresnel, slots) -> None:
         rest = regions.left_out()
         # Where surfaces only refract, what is reflected there is lost.
         passes = fresnel and bool(rest.any())
         write_rest(self._images, pane, self._window(regions, rest[..., None]) if passes else None)
-        for slot, (path, shares) in enumerate(zip(regions.paths, regions.shares, strict=True)):
+        for slot, path, shares in zip(slots, regions.paths, regions.shares, strict=True):
             weights = shares[..., None]
+            if path.open:
+                # The paths that carry the light on show what is held too.
+                on = [path.begins(other) and not other.open for other in regions.paths]
+                weights = np.maximum(weights - regions.shares[on].sum(axis=0)[..., None], 0.0)
             if glass.is_tinted:
                 weights = weights * tints(glass, self.view, regions, path)
             write_slot(self._images[pane.number, slot], self._window(regions, weights))
@@ -353,7 +394,7 @@ class _Frame:
         """Objects that stand before glasses: hidden ones do not, and some need meshes."""
         for uid, occluder in self.layers.occluders().items():
             source = source_of(occluder)
-            hidden = not (is_shown(source, self.depsgraph) and source.visible_camera)
+            hidden = not self._is_seen(uid)
             if occluder.hide_render != hidden:
                 occluder.hide_render = hidden
             if hidden or is_carried(source):
@@ -429,8 +470,8 @@ class _Task:
             return None
         # The panes of a glass have numbers one after another.
         number, slot, uid = key
-        shown = self.frame.memory.shown.get(number - 1, (None, ()))[1]
-        if slot >= len(shown) or shown[slot] != self.path:
+        shown = self.frame.memory.shown.get(number - 1, (None, {}))[1]
+        if shown.get(slot) != self.path:
             return None
         known = self.frame.memory.copies.get((number - 1, slot, uid))
         return None if known is None else known[2]

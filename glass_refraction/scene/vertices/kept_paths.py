@@ -8,6 +8,8 @@ import math
 import bpy
 
 from ... import optics
+from ...optics.axial import AxialGlass
+from ...optics.tumbler import GLASS
 from ..memory import counters, memory_of
 from ..read.glasses import Glass
 from ..read.viewpoint import Viewpoint
@@ -23,6 +25,10 @@ SLOTS = {
 """(surface, whether the shape's paths name their interfaces) -> slots of a glass.
 
 Most paths of ``COMMON_WEIGHT`` were 8, 1, 16 and 4, of fifteen eyes round every shape."""
+OPEN_SLOTS = 6
+"""More of them, for open paths of shapes that name their interfaces: as many were seen at most."""
+OUTWARD = {"outer", "base", "rim"}
+"""Interfaces of cups beyond which lies nothing that these hold."""
 COMMON_WEIGHT = 0.01
 """The ``min_weight`` for which ``SLOTS`` are enough."""
 MOST_SLOTS = 32
@@ -73,3 +79,46 @@ def kept_paths(
     kept = tuple(paths[number] for number in order if mean[number] >= settings.min_weight)
     memory_of(scene).paths[glass.key] = (stamp, kept)
     return kept
+
+
+def open_paths(
+    scene: bpy.types.Scene, glass: Glass, view: Viewpoint
+) -> tuple[optics.LightPath, ...]:
+    """The beginnings of paths on whose last stretch a cup's contents are seen, the brightest first.
+
+    They show contents to the light that no kept path carries on: it is lost in the wall or the
+    base, or runs along paths that are too thin each to be kept.
+    """
+    settings = scene.refractive_glass
+    eye = view.eye_for(glass)
+    stamp = (glass.stamp(), view.stamp(), settings.min_weight, settings.surface)
+    key = f"{glass.key} open"
+    known = memory_of(scene).paths.get(key)
+    if known is not None and known[0] == stamp:
+        return known[1]
+    paths = optics.light_paths(glass.description, eye, min_weight=settings.min_weight)
+    begins = dict.fromkeys(
+        optics.LightPath(path.events[:count], path.interfaces[:count], open=True)
+        for path in paths
+        for count in range(1, len(path) + 1)
+    )
+    medium = 0 if view.is_parallel else int(glass.description.medium_at(eye))
+    begins = tuple(b for b in begins if _shows_contents(glass.description, medium, b))
+    if settings.surface != "GLASS":
+        begins = tuple(begin for begin in begins if "R" not in begin.events)
+    mean = coarse_weights(scene, glass, view, begins).mean(axis=1)
+    order = sorted(range(len(begins)), key=lambda number: -mean[number])[:OPEN_SLOTS]
+    kept = tuple(begins[number] for number in order if mean[number] >= settings.min_weight)
+    memory_of(scene).paths[key] = (stamp, kept)
+    return kept
+
+
+def _shows_contents(description: AxialGlass, medium: int, begin: optics.LightPath) -> bool:
+    """Whether the last stretch of an open path may run through what a cup holds.
+
+    ``medium``: that the eye is in.
+    """
+    for name, event in zip(begin.interfaces, begin.events, strict=True):
+        medium = medium if event == "R" else description.named(name).beyond(medium)
+    # From the outer wall and the underside rays leave the cup, or run on in the glass.
+    return medium != GLASS and begin.interfaces[-1] not in OUTWARD

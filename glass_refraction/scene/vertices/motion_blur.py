@@ -59,7 +59,7 @@ def keep_moment(scene, memory: Memory, layers: Layers, view: Viewpoint, depsgrap
     for key, (_, _, shape) in memory.copies.items():
         number, slot, _ = key
         glass, paths = memory.shown[number]
-        if key not in copies or slot >= len(paths) or shape.images is None:
+        if key not in copies or slot not in paths or shape.images is None:
             continue
         try:
             now = read_glass(objects[uids[number]], depsgraph)

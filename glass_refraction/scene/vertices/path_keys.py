@@ -15,5 +15,7 @@ def path_of(key: str) -> optics.LightPath:
     """The path of a key."""
     if " " not in key:
         return optics.LightPath(key)
-    steps = [step.split(" ") for step in key.split(", ")]
-    return optics.LightPath("".join(s[0] for s in steps), tuple(s[1] for s in steps))
+    named = key.removesuffix(", ...")
+    steps = [step.split(" ") for step in named.split(", ")]
+    events, interfaces = "".join(s[0] for s in steps), tuple(s[1] for s in steps)
+    return optics.LightPath(events, interfaces, open=named != key)

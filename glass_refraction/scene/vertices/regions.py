@@ -73,7 +73,8 @@ class Regions:
 
     def left_out(self) -> np.ndarray:
         """(h, w) float32: the part of the light for which no kept path stands."""
-        known = self.shares.sum(axis=0)
+        whole = np.array([not path.open for path in self.paths], bool)
+        known = self.shares[whole].sum(axis=0)
         return np.where(known > 0, np.clip(1.0 - known, 0.0, 1.0), 0.0).astype(np.float32)
 
     def full(self, values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -182,6 +183,7 @@ class PathRays:
         self.glass, self.view, self.paths, self.fresnel = glass, view, paths, fresnel
         self.named = any(path.interfaces is not None for path in paths)
         """Whether rays may be met that hardly take any of the paths: there are dozens."""
+        self.whole = np.array([not path.open for path in paths], bool)
         self.refracting = np.array(["R" not in p.events for p in paths], bool)
 
     def weights(self, x: np.ndarray, y: np.ndarray):
@@ -207,7 +209,7 @@ class PathRays:
         """
         if not self.fresnel:
             return weights
-        total = weights.sum(axis=0)
+        total = weights[self.whole].sum(axis=0)
         if self.named:
             total = np.maximum(total, ENOUGH)
         return weights / np.where(total > 0, total, 1.0)

@@ -486,7 +486,10 @@ def _met_by(probe: Probe, corners: np.ndarray) -> np.ndarray:
 
 
 def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
-    """Rays through a grid of the rectangle's pixels that take the path, after its last event."""
+    """Rays through a grid of the rectangle's pixels that take the path, after its last event.
+
+    Where the path names its interfaces, also on its way there: a cup holds things.
+    """
     x0, y0, x1, y1 = rect
     x, y = np.meshgrid(
         x0 + (np.arange(side) + 0.5) * (x1 - x0) / side,
@@ -494,7 +497,19 @@ def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
     )
     origins, directions = view.rays(x.ravel(), y.ravel())
     starts, rays = glass.to_local(origins), glass.direction_to_local(directions)
-    traced = optics.trace(glass.description, starts, rays, path)
-    origin = glass.points_to_world(traced.origin[traced.valid])
-    direction = traced.direction[traced.valid] @ glass.to_world[:3, :3].T
-    return Probe(origin, direction)
+    on_the_way = range(1, len(path)) if path.interfaces is not None and not path.open else ()
+    found = [
+        optics.trace(
+            glass.description,
+            starts,
+            rays,
+            optics.LightPath(path.events[:count], path.interfaces[:count], open=True),
+        )
+        for count in on_the_way
+    ]
+    found.append(optics.trace(glass.description, starts, rays, path))
+    # Rays count that take the whole path.
+    takes = found[-1].valid
+    origin = np.concatenate([glass.points_to_world(traced.origin[takes]) for traced in found])
+    direction = np.concatenate([traced.direction[takes] for traced in found])
+    return Probe(origin, direction @ glass.to_world[:3, :3].T)

@@ -633,7 +633,7 @@ def settings(walk):
     elif way == 1:
         settings.shading = "TRUE" if settings.shading == "DISPLACED" else "DISPLACED"
     else:
-        settings.lookup_samples = walk.random.choice(["1", "3", "5"])
+        settings.min_weight = walk.random.choice([0.01, 0.02, 0.05])
 
 
 def engine(walk):
