@@ -37,6 +37,8 @@ BAND_COLOURS = {"": (1.0, 1.0, 1.0), "red": (1.0, 0, 0), "green": (0, 1.0, 0), "
 """What light of each band brings to a pixel's colours."""
 NEAREST = 1e-3
 """Part of the glasses' size from where captures see at least."""
+FAR, FARTHER = 1e3, 1.1
+"""Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
 MARGIN_PX = 2
 """Pixels round a glass's outline that are looked at too."""
 
@@ -94,7 +96,7 @@ class FrameResult:
     Attributes
     ----------
     cameras : of each view beside the direct picture, None where it is not needed.
-    samples : a pixel, of each of these.
+    samples : a pixel, of each of these. far : metres, how far each must see.
     views : the pictures of each view's samples, the direct picture's first.
     alphas : weights without tints of the same samples.
     spread, beside, known, known_alpha : see :mod:`sum_tree`.
@@ -104,6 +106,7 @@ class FrameResult:
 
     cameras: tuple[RadianceView | None, ...]
     samples: tuple[int, ...]
+    far: tuple[float, ...]
     views: tuple[Packed, ...]
     alphas: tuple[np.ndarray, ...]
     spread: np.ndarray
@@ -346,6 +349,7 @@ def _summed(
     return FrameResult(
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
+        far=tuple(_far(frame.things, view) for view in views[1:]),
         views=tuple(parts),
         alphas=tuple(alphas),
         spread=packed.spread((width, height)),
@@ -358,6 +362,15 @@ def _summed(
         ways=len(ways),
         covered=int((covering > 0.0).sum()),
     )
+
+
+def _far(things: Things, view: RadianceView | None) -> float:
+    """Metres to the farthest thing. Engines lose depths where a view sees far and begins near."""
+    box = things.box()
+    if view is None or not np.isfinite(box).all():
+        return FAR
+    corners = np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
+    return float(max(FARTHER * np.linalg.norm(corners - view.eye, axis=1).max(), 2.0 * view.near))
 
 
 def _worth(pixel: np.ndarray, weight: np.ndarray) -> float:

@@ -40,8 +40,6 @@ ROOM = Room(captures=3, skies=3)
 """Views that the compositor tree has room for."""
 LEAST_CLIP = 1e-4
 """Metres: where a view of the world begins to see."""
-FAR, FARTHEST = 1e4, 1e6
-"""How far views see: metres at least, and times the distance at which they begin to see."""
 _STRUCTURE = "refractive_glass_structure"
 
 
@@ -193,15 +191,16 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
     _match_views(scene, views)
-    for view, camera, samples in zip(views, result.cameras, result.samples, strict=True):
+    settings = zip(views, result.cameras, result.samples, result.far, strict=True)
+    for view, camera, samples, far in settings:
         write_setting(view.view_layers[0], "use", camera is not None)
         if camera is not None:
-            _aim_camera(view.camera, camera)
+            _aim_camera(view.camera, camera, far)
             write_setting(*_samples(view), samples)
 
 
-def _aim_camera(camera: bpy.types.Object, view: RadianceView) -> None:
-    """Give a camera object the pose, lens and shift of a view."""
+def _aim_camera(camera: bpy.types.Object, view: RadianceView, far: float) -> None:
+    """Give a camera object the pose, lens and shift of a view, and let it see so far (metres)."""
     data, p = camera.data, view.projection
     width, height = view.size
     data.type, data.sensor_fit, data.sensor_width = "PERSP", "HORIZONTAL", 32.0
@@ -213,7 +212,7 @@ def _aim_camera(camera: bpy.types.Object, view: RadianceView) -> None:
     data.shift_x = (0.5 * width - origin[0]) / width
     data.shift_y = (0.5 * height - origin[1]) * aspect / width
     data.clip_start = max(view.near, LEAST_CLIP)
-    data.clip_end = max(FARTHEST * view.near, FAR)
+    data.clip_end = max(far, 2.0 * data.clip_start)
     pose = np.eye(4)
     pose[:3, :3] = view.to_camera[:3, :3].T
     pose[:3, 3] = view.eye
