@@ -85,7 +85,7 @@ def prepare(
     _check_scene(scene)
     view_layer = rendered_layer(scene)
     problems: list[str] = []
-    glasses = _editable(glass_objects(view_layer, hidden=True), problems)
+    glasses = _editable(glass_objects(view_layer, ever=True), problems)
     problems += _instanced(scene)
     if strict and not glasses:
         raise RefractiveGlassError(

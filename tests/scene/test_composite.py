@@ -7,7 +7,7 @@ import pytest
 import scenes
 
 from glass_refraction import optics
-from glass_refraction.scene.read.glasses import glass_modifier, read_glasses
+from glass_refraction.scene.read.glasses import glass_modifier, glass_objects, read_glasses
 from glass_refraction.scene.read.modifier_inputs import write_input
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.vertices.regions import region_masks
@@ -24,9 +24,14 @@ def _colour(x):
 
 def _plain(scene, folder):
     """The same frame without the extension's part in it."""
-    scene.render.use_compositing = False
+    glasses = glass_objects(scene.view_layers[0])
+    scene.refractive_glass.enabled = False
+    for obj in glasses:
+        obj.hide_render = True
     found = scenes.picture(scene, folder, "plain")
-    scene.render.use_compositing = True
+    for obj in glasses:
+        obj.hide_render = False
+    scene.refractive_glass.enabled = True
     return found
 
 

@@ -99,15 +99,13 @@ def test_copies_trace_back_to_the_points():
     scenes.cup()
     rod = scenes.rod()
     scene = scenes.settings(surface="REFRACTION", shading="DISPLACED")
-    # The other engines' rays show cups without copies.
-    scene.render.engine = "BLENDER_WORKBENCH"
     prepare(scene, scenes.depsgraph())
     update(scene, scenes.depsgraph(), exact=True)
     glass, view = _glass_and_view(scene)
     layers = find_layers(scene)
     checked = 0
     for key, (_, _, shape) in memory_of(scene).copies.items():
-        path = path_of(key[1])
+        path = memory_of(scene).shown[key[0]][1][key[1]]
         if not path.open or shape.images is None or source_of(layers.copies()[key]) != rod:
             continue
         points = glass.to_local(shape.triangles.points)
@@ -134,5 +132,5 @@ def test_the_picture_is_that_of_real_glass(tmp_path):
     regions = path_regions(glass, view, (optics.LightPath(""),), smooth=False)
     inside = regions.full(regions.hit, view.size)
     gap = np.clip(found, 0, 1)[inside, :3] - np.clip(reference, 0, 1)[inside, :3]
-    # Large pixels and few samples: most of it is the reference's noise along edges.
-    assert -10 * np.log10(np.mean(gap**2)) > 28.0
+    # Large pixels, few samples, and no paths through rim and verge that bring little each.
+    assert -10 * np.log10(np.mean(gap**2)) > 24.0

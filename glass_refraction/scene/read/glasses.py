@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -14,6 +13,7 @@ import numpy as np
 from ... import optics
 from ...optics.axial import AxialGlass
 from ..names import RefractiveGlassError, own
+from .animation import may_change
 from .modifier_inputs import data_path, has_input, read_input
 from .visibility import rendered_objects
 
@@ -181,17 +181,18 @@ def casts_shadow(obj: bpy.types.Object) -> bool:
     return bool(read_input(modifier, "Casts Shadow"))
 
 
-def glass_objects(
-    view_layer: bpy.types.ViewLayer, *, hidden: bool = False
-) -> list[bpy.types.Object]:
+def glass_objects(view_layer: bpy.types.ViewLayer, *, ever: bool = False) -> list[bpy.types.Object]:
     """The objects of the view layer that are a glass and take part in renders.
 
-    ``hidden``: those too that are hidden in renders now; animation may show them.
+    ``ever``: those too that are hidden now and that another frame may show.
     """
     found = []
-    for obj in rendered_objects(view_layer, hidden=hidden):
+    for obj in rendered_objects(view_layer, ever=ever):
         modifier = glass_modifier(obj) if obj.type == "MESH" else None
-        if modifier is not None and (modifier.show_render or hidden):
+        if modifier is None:
+            continue
+        switch = f'modifiers["{modifier.name}"].show_render'
+        if modifier.show_render or (ever and may_change(obj, switch)):
             found.append(obj)
     return found
 
@@ -209,20 +210,7 @@ def may_disperse(obj: bpy.types.Object) -> bool:
     names = [n for n in ("Abbe Number", "Contents Abbe Number") if has_input(modifier, n)]
     if any(read_input(modifier, name) for name in names):
         return True
-    animation = obj.animation_data
-    if animation is None:
-        return False
-    places = {data_path(modifier, name) for name in names}
-    return any(curve.data_path in places for curve in _curves(animation))
-
-
-def _curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
-    """All animation and driver curves of a data-block."""
-    yield from animation.drivers
-    for layer in animation.action.layers if animation.action else ():
-        for strip in layer.strips:
-            for bag in strip.channelbags:
-                yield from bag.fcurves
+    return may_change(obj, *(data_path(modifier, name) for name in names))
 
 
 def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = None) -> list[Glass]:

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ..names import own
+from .animation import may_change
 from .arrays import affine, positions
 from .glasses import Glass, glass_modifier
 from .modifier_inputs import read_input
@@ -33,20 +34,20 @@ def source_objects(
     view_layer: bpy.types.ViewLayer,
     problems: list[str] | None = None,
     *,
-    hidden: bool = False,
+    ever: bool = False,
 ) -> list[bpy.types.Object]:
     """The view layer's objects that may be seen through a glass, as renders show them.
 
     Parameters
     ----------
     problems : takes a line for each object that cannot be read now.
-    hidden : those too that are hidden now; animation may show them.
+    ever : those too that are hidden now and that another frame may show.
     """
     found = []
-    for obj in rendered_objects(view_layer, hidden=hidden):
+    for obj in rendered_objects(view_layer, ever=ever):
         if own(obj) or obj.type not in _MESH_TYPES | _CONVERTED_TYPES:
             continue
-        if not (obj.visible_camera or hidden):
+        if not (obj.visible_camera or (ever and may_change(obj, "visible_camera"))):
             continue
         if obj.type == "EMPTY" and obj.instance_collection is None:
             continue

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 
 import bpy
 
+from .animation import may_change
+
 
 def rendered_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
     """The view layer that the glass is computed in: the first that renders show."""
@@ -23,16 +25,17 @@ def any_depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph | None:
 
 
 def rendered_objects(
-    view_layer: bpy.types.ViewLayer, *, hidden: bool = False
+    view_layer: bpy.types.ViewLayer, *, ever: bool = False
 ) -> Iterator[bpy.types.Object]:
     """The view layer's objects that renders show, each once, in the collections' order.
 
-    ``hidden``: those too that are hidden in renders themselves now; animation may show them.
+    ``ever``: those too that are hidden now and that another frame may show.
     """
     seen = set()
     for layer_collection in _rendered_collections(view_layer.layer_collection):
         for obj in layer_collection.collection.objects:
-            if (obj.hide_render and not hidden) or obj.session_uid in seen:
+            hidden = obj.hide_render and not (ever and may_change(obj, "hide_render"))
+            if hidden or obj.session_uid in seen:
                 continue
             seen.add(obj.session_uid)
             yield obj

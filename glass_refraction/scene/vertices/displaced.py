@@ -85,7 +85,7 @@ def prepare(
         Nothing can be computed; nothing is changed then.
     """
     view_layer = rendered_layer(scene)
-    sources = source_objects(view_layer, problems, hidden=True)
+    sources = source_objects(view_layer, problems, ever=True)
     plan = _plan(scene, glasses, sources)
     _check(scene, depsgraph, glasses, view, plan, problems)
     memory = memory_of(scene)
