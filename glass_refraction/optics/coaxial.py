@@ -411,7 +411,7 @@ class CoaxialPassage:
         """`follow` with the squares, w² (overwritten) and the least of these at hand."""
         rows = self.rows
         pairs = rows.pairs
-        floor = SMALLEST if w.dtype == np.float64 else 1e-12
+        floor = SMALLEST if w.dtype == np.float64 else NARROW[0]
         if least < floor:
             np.maximum(w, floor, out=w)
         np.sqrt(w, out=w)
@@ -461,7 +461,7 @@ class CoaxialPassage:
         norm = real * real
         norm += imag * imag
         if norm.min(initial=1.0) < 1e-30:
-            np.maximum(norm, 1e-300 if norm.dtype == np.float64 else SMALLEST, out=norm)
+            np.maximum(norm, 1e-300 if norm.dtype == np.float64 else NARROW[1], out=norm)
         np.sqrt(norm, out=norm)
         np.divide(-1.0 if self.turn % 2 else 1.0, norm, out=norm)
         real = real * norm
@@ -806,8 +806,10 @@ class CoaxialPassage:
         if ell.dtype == np.float64:
             away = x if frame.eye is None else x - frame.eye_radius
             reach = 1.0 + np.sqrt(away * away + y * y + z * z)
-            # Along the axis P² = n² − ζ² keeps few digits, and with it the height of the meeting.
+            # Along the axis P² = n² − ζ² keeps few digits, and with it the height of the meeting;
+            # the ray passes the point by that times the sine of its angle with the axis.
             blurred = 1e-15 * self.eye_ior**2 / (self.zeta_max**2 - zeta * zeta)
+            blurred /= self.ior * per
             passes = residual <= miss * np.minimum(reach, FAR) + (1e-12 + blurred) * reach
         else:
             passes = residual <= miss * np.minimum(1.0 + length, FAR)
@@ -841,7 +843,7 @@ class CoaxialPassage:
         line = self.follow(ell[close], zeta[close])
         along, _ = line.along(*(target[close] for target in targets[:2]))
         slope = np.abs(line.per - line.turn_ell * along)
-        digit = ROUNDING * self.eye_ior * max(1.0, self.frame.eye_radius or 0.0)
+        digit = ROUNDING * self.eye_ior * (self.frame.eye_radius or 1.0)
         reach = np.maximum(length[close], 1e-3)
         if self.frame.eye_radius is None:
             reach = 1.0
@@ -952,8 +954,12 @@ FAR = 100.0
 """Outer radii beyond which distance no longer excuses an error."""
 
 
-SMALLEST = 1e-34
-"""Floor of w², so that 1/w stays finite at the edge of a domain."""
+SMALLEST = 1e-44
+"""Floor of w², so that 1/w stays finite at the edge of a domain. It is below what rounding leaves
+of w² at an eye on the axis, which counts as `TINY` off it."""
+
+NARROW = 1e-12, 1e-34
+"""The same in float32, and its floor of the squared modulus of a turn."""
 
 FLAT = 1e-30
 """Stands for a determinant of 0, on a caustic: the step then ends at the edge of the domain."""

@@ -43,6 +43,12 @@ NOWHERE = np.iinfo(np.int64).min
 """Rank of a glass that a ray is not in."""
 
 
+def _roughness(value: object) -> float:
+    if not (isinstance(value, (int, float)) and 0.0 <= value <= 1.0):
+        raise ValueError(f"roughness must be between 0 and 1, not {value!r}")
+    return float(value)
+
+
 @dataclass(frozen=True, eq=False)
 class PlacedGlass:
     """A glass of closed form in the world.
@@ -59,12 +65,16 @@ class PlacedGlass:
     priority : int
         Of the media that overlap, that of the highest priority holds; of equal ones, that which the
         ray entered first (what it starts in or enters at one place: the first in the list).
+    roughness : float
+        Of all its interfaces, 0 to 1, as a Glass BSDF has it (GGX). A ray is split at the first
+        into `FACETS` rays.
     """
 
     body: BoundedGlass
     pose: ArrayLike
     absorption: ArrayLike | None = None
     priority: int = 0
+    roughness: float = 0.0
 
     def __post_init__(self) -> None:
         pose = np.array(self.pose, dtype=float)
@@ -72,6 +82,7 @@ class PlacedGlass:
         if turn is None or not np.allclose(turn @ turn.T, np.eye(3), atol=RIGID):
             raise ValueError(f"pose must be a rigid (4, 4) matrix, not {self.pose!r}")
         object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "roughness", _roughness(self.roughness))
 
     @property
     def media(self) -> tuple[float, ...]:
@@ -123,6 +134,8 @@ class PlacedMesh:
         Absorption coefficients per metre, red, green, blue.
     priority : int
         As of `PlacedGlass`.
+    roughness : float
+        As of `PlacedGlass`.
     box : (2, 3), optional
         Lower and upper corner of a box round it in the world, metres: other rays are not asked for.
     """
@@ -130,10 +143,12 @@ class PlacedMesh:
     ior: float
     absorption: ArrayLike | None = None
     priority: int = 0
+    roughness: float = 0.0
     box: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ior", _positive("ior", self.ior))
+        object.__setattr__(self, "roughness", _roughness(self.roughness))
 
     @property
     def media(self) -> tuple[float, ...]:
@@ -220,6 +235,7 @@ class _Live:
     """Rays on their way, in the world; the last axis counts them.
 
     `medium`: of each glass, 0 outside it. `entered`: the step in which each glass was entered.
+    `facet`: the ray's number among those into which the first rough interface split it, else -1.
     """
 
     ray: NDArray[np.intp]
@@ -231,6 +247,7 @@ class _Live:
     path: NDArray[np.uint64]
     medium: NDArray[np.int8]
     entered: NDArray[np.int16]
+    facet: NDArray[np.int8]
 
     def __len__(self) -> int:
         return len(self.ray)
@@ -322,14 +339,18 @@ class _Followed:
     ask: Meet | None
     fresnel: bool
     things: Floats | None
+    pixel: NDArray[np.int64]
     media: _Media = field(init=False)
     meshes: list[int] = field(init=False)
+    alpha: Floats = field(init=False)
     rows: list[tuple[_Live, Floats, NDArray[np.intp]]] = field(default_factory=list)
     steps: int = 0
 
     def __post_init__(self) -> None:
         self.media = _Media(self.glasses)
         self.meshes = [n for n, glass in enumerate(self.glasses) if isinstance(glass, PlacedMesh)]
+        self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
+        self.rough = bool(self.alpha.any())
         if self.meshes and self.ask is None:
             raise ValueError("meet must tell where the glasses are that are meshes, not None")
 
@@ -356,6 +377,7 @@ class _Followed:
             path=np.zeros(count, dtype=np.uint64),
             medium=medium,
             entered=np.zeros((glasses, count), dtype=np.int16),
+            facet=np.full(count, -1, dtype=np.int8),
         )
 
     # ---- one step -----------------------------------------------------------------------
@@ -504,6 +526,69 @@ class _Followed:
         """Rays that see what touches and what that is, rays to follow, and (ray, weight) of what is
         dropped."""
         live.place += met.way * live.direction
+        crossing = self._crossing(live, met)
+        if self.rough:
+            live, met, crossing, rows = self._roughened(live, met, crossing)
+            touched, thing, near = touched[rows], thing[rows], near[rows]
+        straight, eta, flat = crossing.straight, crossing.eta, crossing.flat
+        direction, normal = live.direction, crossing.normal
+        cosine = np.minimum(np.maximum(-_dot(normal, direction), 0.0), 1.0)
+        reflectance, behind = reflectance_and_cosine(cosine, eta)
+        if not self.fresnel:
+            reflectance = np.where(behind > 0.0, 0.0, 1.0)
+        reflectance[straight] = 0.0
+
+        events = live.events + ~straight
+        enough, dropped = [], [(live.ray[:0], live.weight[:0])]
+        shares = live.weight * (1.0 - reflectance), live.weight * reflectance
+        for weight in shares:
+            keep = weight > self._least(live, events, straight)
+            keep &= events <= self.most_events
+            rest = np.flatnonzero(~keep & (weight > 0.0))
+            dropped.append((live.ray[rest], weight[rest]))
+            enough.append(keep)
+        passed, on, back = enough[0], *(np.flatnonzero(keep) for keep in enough)
+
+        through = live.take(on)
+        turned = _refracted(direction, normal, cosine, behind, eta)
+        through.direction = np.where(straight, direction, turned)[:, on]
+        through.weight, through.events = shares[0][on], events[on]
+        through.medium, through.entered = met.after[:, on], crossing.entered[:, on]
+        code = _interface_code(met.glass, met.interface)
+        folded = _fold(through.path, code[on])
+        through.path = np.where(straight[on], through.path, folded)
+        if self.meshes:
+            # Off all faces that were passed here, which float32 puts a little before or behind.
+            through.place -= CLEARANCE * near[on] * flat[:, on]
+
+        off = live.take(back)
+        mirrored = direction + (2.0 * cosine) * normal
+        off.direction = _units(mirrored[:, back])
+        off.weight, off.events = shares[1][back], events[back]
+        off.path = _fold(off.path, code[back] + 1)
+        # A thing that touches is on the other side, whatever the rounding of its distance.
+        aside = near[back] if self.meshes else np.where(touched[back], near[back], 0.0)
+        off.place += CLEARANCE * aside * flat[:, back]
+
+        meets = (touched & passed)[on]
+        seen = through.take(np.flatnonzero(meets)), thing[on][meets]
+        through = through.take(np.flatnonzero(~meets))
+        ray, weight = (np.concatenate(column) for column in zip(*dropped, strict=True))
+        return seen, _Live.join([through, off]), (ray, weight)
+
+    def _least(self, live: _Live, events, straight) -> Floats:
+        """The weight that a ray must have more than to be followed."""
+        if not self.fresnel:
+            return np.zeros(len(live))
+        # Long ways, round in a wall, must carry more.
+        least = self.min_weight * np.maximum(1.0, events / PLAIN)
+        if self.rough:
+            least = np.where(live.facet < 0, least, least / FACETS)
+        least[straight] = 0.0
+        return least
+
+    def _crossing(self, live: _Live, met: _Met) -> _Crossing:
+        """What rays at their interfaces cross."""
         direction = live.direction
         glass, medium = self.media.holding(live.medium, live.entered)
         entered = np.where((met.after > 0) & (live.medium == 0), self.steps, live.entered)
@@ -511,63 +596,60 @@ class _Followed:
         glass_after, medium_after = self.media.holding(met.after, entered)
         straight = (glass == glass_after) & (medium == medium_after)
         eta = self.media.ior[glass, medium] / self.media.ior[glass_after, medium_after]
-        flat = normal = _against(met.normal, direction)
-        if self.meshes:
-            flat = met.flat * np.where(_dot(met.flat, direction) > 0.0, -1.0, 1.0)
-            # The interpolated normal stays on the face's side, whatever side the ray is on.
-            normal = met.normal * np.where(_dot(met.flat, direction) > 0.0, -1.0, 1.0)
-            normal = _bent(normal, flat, direction, eta)
-        cosine = np.minimum(np.maximum(-_dot(normal, direction), 0.0), 1.0)
-        reflectance, behind = reflectance_and_cosine(cosine, eta)
-        if not self.fresnel:
-            reflectance = np.where(behind > 0.0, 0.0, 1.0)
-        reflectance[straight] = 0.0
-        turned = _refracted(direction, normal, cosine, behind, eta)
-        turned = np.where(straight, direction, turned)
-        mirrored = _units(direction + (2.0 * cosine) * normal)
+        if not self.meshes:
+            normal = met.normal * _against(met.normal, direction)
+            return _Crossing(straight, eta, entered, normal, normal)
+        # The interpolated normal is on the side that the face's is on.
+        side = _against(met.flat, direction)
+        flat = met.flat * side
+        normal = _bent(met.normal * side, flat, direction, eta)
+        return _Crossing(straight, eta, entered, flat, normal)
 
-        events = live.events + ~straight
-        # Long ways, round in a wall, must carry more.
-        least = self.min_weight * np.maximum(1.0, events / PLAIN)
-        least[straight] = 0.0
-        weights = live.weight * (1.0 - reflectance), live.weight * reflectance
-        kept, dropped = [], [(live.ray[:0], live.weight[:0])]
-        for number, weight in enumerate(weights):
-            enough = (weight > least) if self.fresnel else (weight > 0.0)
-            enough &= events <= self.most_events
-            kept.append(np.flatnonzero(enough))
-            rest = np.flatnonzero(~enough & (weight > 0.0))
-            dropped.append((live.ray[rest], weight[rest]))
-            if number == 0:
-                passed = enough
-        on, back = kept
-        through = live.take(on)
-        through.direction, through.weight = turned[:, on], weights[0][on]
-        through.medium, through.entered = met.after[:, on], entered[:, on]
-        through.events = events[on]
-        through.path = np.where(
-            straight[on],
-            through.path,
-            _fold(through.path, _interface_code(met.glass[on], met.interface[on], False)),
-        )
-        if self.meshes:
-            # Off all faces that were passed here, which float32 puts a little before or behind.
-            through.place -= CLEARANCE * near[on] * flat[:, on]
-        off = live.take(back)
-        off.direction, off.weight, off.events = mirrored[:, back], weights[1][back], events[back]
-        off.path = _fold(off.path, _interface_code(met.glass[back], met.interface[back], True))
-        # A thing that touches is on the other side, whatever the rounding of its distance.
-        aside = near[back] if self.meshes else np.where(touched[back], near[back], 0.0)
-        off.place += CLEARANCE * aside * flat[:, back]
-        meets = touched & passed
-        if meets.any():
-            seen = through.take(meets[on]), thing[on][meets[on]]
-            through = through.take(~meets[on])
-        else:
-            seen = through.take(slice(0, 0)), thing[:0]
-        ray, weight = (np.concatenate(column) for column in zip(*dropped, strict=True))
-        return seen, _Live.join([through, off]), (ray, weight)
+    def _roughened(self, live: _Live, met: _Met, crossing: _Crossing) -> tuple:
+        """The same with normals of facets where a glass is rough, and the rows they are of.
 
+        At the first rough interface a ray becomes `FACETS` rays, one a facet. From there on each
+        keeps its number, and meets one facet at each rough interface.
+        """
+        alpha = self.alpha[met.glass]
+        rough = (alpha > 0.0) & ~crossing.straight
+        rows = np.repeat(np.arange(len(live)), np.where(rough & (live.facet < 0), FACETS, 1))
+        fresh = (rough & (live.facet < 0))[rows]
+        live, met, crossing = live.take(rows), met.take(rows), crossing.take(rows)
+        # A ray's copies are neighbours: they are counted from the first.
+        first = np.searchsorted(rows, rows[fresh])
+        live.facet[fresh] = np.flatnonzero(fresh) - first
+        live.weight[fresh] /= FACETS
+        some = np.flatnonzero(rough[rows])
+        normal, flat = crossing.normal[:, some], crossing.flat[:, some]
+        shares = _shares(self.pixel[live.ray[some]], live.facet[some], live.events[some])
+        facet = _facets(normal, live.direction[:, some], alpha[rows[some]], *shares)
+        facet = _bent(facet, flat, live.direction[:, some], crossing.eta[some])
+        crossing.normal = crossing.normal.copy()
+        crossing.normal[:, some] = facet
+        return live, met, crossing, rows
+
+
+@dataclass
+class _Crossing:
+    """What rays cross at an interface; normals (3, L) are unit and against the rays.
+
+    `straight`: the medium that holds stays the same. `eta`: ior before over ior behind. `entered`:
+    as `_Live`'s, behind. `flat`: normal of the surface, `normal`: the one for refraction.
+    """
+
+    straight: NDArray[np.bool_]
+    eta: Floats
+    entered: NDArray[np.int16]
+    flat: Floats
+    normal: Floats
+
+    def take(self, which) -> _Crossing:
+        return _Crossing(*(getattr(self, part.name)[..., which] for part in fields(self)))
+
+
+FACETS = 6
+"""Facets of a rough interface that stand for all of them."""
 
 CLEARANCE = 2.0
 """Distance, in those within which surfaces touch, that rays are put off an interface where rounding
@@ -702,6 +784,54 @@ def _meets_boxes(boxes: Floats, live: _Live, way: Floats) -> NDArray[np.bool_]:
     return found
 
 
+def _facets(normal: Floats, direction: Floats, alpha: Floats, first, second) -> Floats:
+    """Normals (3, L) of facets of a rough surface as a ray sees them.
+
+    GGX, visible normals, by two shares (L,) between 0 and 1 (J. Dupuy and A. Benyoub, Sampling
+    Visible GGX Normals with Spherical Caps, 2023). `alpha`: roughness squared.
+    """
+    # A frame round the normal (T. Duff and others, Building an Orthonormal Basis, Revisited, 2017)
+    x, y, z = normal
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    one = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x])
+    other = np.stack([b, sign + y * y * a, -y])
+    view = _units(
+        np.stack(
+            [
+                -alpha * _dot(one, direction),
+                -alpha * _dot(other, direction),
+                -_dot(normal, direction),
+            ]
+        )
+    )
+    azimuth = 2.0 * np.pi * first
+    height = (1.0 - second) * (1.0 + view[2]) - view[2]
+    radius = np.sqrt(np.maximum(1.0 - height * height, 0.0))
+    x, y, z = (
+        radius * np.cos(azimuth) + view[0],
+        radius * np.sin(azimuth) + view[1],
+        height + view[2],
+    )
+    return _units(alpha * x * one + alpha * y * other + np.maximum(z, 0.0) * normal)
+
+
+def _shares(pixel, facet, events) -> tuple[Floats, Floats]:
+    """Two numbers between 0 and 1 for a pixel's facet at an event: always the same ones.
+
+    The facets of a pixel are spread evenly (M. Roberts, The Unreasonable Effectiveness of
+    Quasirandom Sequences, 2018), from a place that pixel and event choose.
+    """
+    found = []
+    for axis, step in enumerate((0.7548776662466927, 0.5698402909980532)):
+        start = _fold(pixel.astype(np.uint64), events.astype(np.int64) * 2 + axis + 1)
+        start = _fold(start, np.int64(1))
+        begin = (start >> np.uint64(11)).astype(float) * 2.0**-53
+        found.append((begin + (facet + 0.5) * step) % 1.0)
+    return found[0], found[1]
+
+
 # Sums of products are written out: BLAS and einsum round the last columns of an array otherwise
 # than the first, so that a ray's way would depend on its neighbours.
 
@@ -725,8 +855,8 @@ def _units(vectors: Floats) -> Floats:
 
 
 def _against(normal: Floats, direction: Floats) -> Floats:
-    """Normals (3, L) on the side that rays come from."""
-    return normal * np.where(_dot(normal, direction) > 0.0, -1.0, 1.0)
+    """The sign (L,) that turns normals (3, L) to the side that rays come from."""
+    return np.where(_dot(normal, direction) > 0.0, -1.0, 1.0)
 
 
 def _refracted(direction, normal, cosine, behind, eta) -> Floats:
@@ -776,15 +906,24 @@ HALVINGS = 12
 """By which the least turn of a normal is found: to 1/4096 of the whole."""
 
 
-def _interface_code(glass, interface, reflected: bool) -> NDArray[np.int64]:
-    """A number for what happens at an interface."""
-    return (glass.astype(np.int64) * STAMPS + interface) * 2 + 1 + reflected
+def _interface_code(glass, interface) -> NDArray[np.int64]:
+    """Odd numbers for refraction at an interface; reflection is one more."""
+    return (glass.astype(np.int64) * STAMPS + interface) * 2 + 1
 
 
 def _fold(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint64]:
     """The hash of a sequence that goes on with a code (a multiplicative hash, xor-shifted)."""
     mixed = (path ^ code.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
     return mixed ^ (mixed >> np.uint64(32))
+
+
+def _pixels(pixel: ArrayLike | None, total: int) -> NDArray[np.int64]:
+    if pixel is None:
+        return np.arange(total)
+    pixels = np.asarray(pixel)
+    if pixels.shape != (total,) or pixels.dtype.kind not in "iu":
+        raise ValueError(f"pixel must be {total} integers, not {pixels.dtype} {pixels.shape}")
+    return pixels.astype(np.int64)
 
 
 def exit_rays(
@@ -798,6 +937,7 @@ def exit_rays(
     things: ArrayLike | None = None,
     meet: Meet | None = None,
     fresnel: bool = True,
+    pixel: ArrayLike | None = None,
 ) -> ExitRays:
     """Follow rays through glasses along all ways that carry enough of the light.
 
@@ -827,6 +967,9 @@ def exit_rays(
     fresnel
         False: interfaces only refract and take no light in doing so. What is totally reflected is
         followed all the same.
+    pixel : (M,) int, optional
+        What chooses the facets of rough glasses: the same numbers, the same facets, whatever moves.
+        None: the rays' own numbers.
 
     Raises
     ------
@@ -844,7 +987,9 @@ def exit_rays(
     unit[proper] = directions[proper] / largest[proper, None]
     unit[proper] /= np.sqrt(np.sum(unit[proper] ** 2, axis=-1, keepdims=True))
     boxes = None if things is None else np.asarray(things, dtype=float).reshape(-1, 2, 3)
-    followed = _Followed(glasses, min_weight, most_events, cast, meet, fresnel, boxes)
+    followed = _Followed(
+        glasses, min_weight, most_events, cast, meet, fresnel, boxes, _pixels(pixel, total)
+    )
     lost = np.where(fit, 0.0, 1.0)
     live = followed.start(origins, unit, proper)
     while len(live) and followed.steps < most_events + MOST_STRAIGHT:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -134,6 +135,7 @@ def light_paths(
         return ()
     share = share / share[hits].sum()
     hits = np.flatnonzero(hits & ~_trapped(glass, rays))
+    longest = _longest(glass, min_weight)
     means: dict[str, float] = {}
     peaks: dict[str, float] = {}
     stack = [("", rays.take(hits), share[hits], np.ones(len(hits)))]
@@ -151,7 +153,7 @@ def light_paths(
             carried = weight * (reflected if event == "R" else 1.0 - reflected)
             # Weights only fall along a path: what is too weak everywhere now stays so. Rays far
             # below the bound no longer count for the mean.
-            if not (carried > min_weight).any() or len(events) >= LONGEST:
+            if not (carried > min_weight).any() or len(events) >= longest:
                 continue
             strong = np.flatnonzero(carried > 0.1 * min_weight)
             after, possible = advance(glass, rays.take(strong), meeting.take(strong), event)
@@ -162,8 +164,18 @@ def light_paths(
     return tuple(LightPath(name) for name in kept)
 
 
-LONGEST = 24
-"""Events of the longest path looked at."""
+def _longest(glass: Glass, min_weight: float) -> int:
+    """Events after which no path carries more than `min_weight`, for an eye outside the glass.
+
+    A ray that enters and leaves with a transmittance t, and is reflected k times between, carries
+    t² (1 − t)^k at most: no more than 4 / (e k)². Between two reflections that let light out it
+    goes in and back out through all other interfaces. An eye in the glass sees longer chains, in
+    bands ever narrower: they are cut here too.
+    """
+    reflections = math.ceil(2.0 / (math.e * math.sqrt(min_weight)))
+    interfaces = len(glass.media) - 1
+    return (2 * interfaces - 1) * (reflections + 1) + 2
+
 
 COUNT = 128
 """Angles sampled across the glass."""

@@ -99,9 +99,8 @@ def test_one_glass_is_what_follow_rays_finds(name):
     for path in expected.paths:
         code = np.zeros(1, dtype=np.uint64)
         for interface, event in zip(path.interfaces, path.events, strict=True):
-            code = _fold(
-                code, _interface_code(np.array([0]), np.array([numbers[interface]]), event == "R")
-            )
+            number = _interface_code(np.array([0]), np.array([numbers[interface]]))
+            code = _fold(code, number + (event == "R"))
         paths.append(code.view(np.int64)[0])
     path = np.array(paths)[expected.path]
     assert len(np.unique(paths)) == len(expected.paths)

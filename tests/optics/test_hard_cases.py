@@ -378,3 +378,54 @@ def test_a_point_at_the_eye_disturbs_no_other(glass, tolerance):
                 np.testing.assert_allclose(
                     found.direction[here, 1:][some], alone.direction[slot, some], atol=tolerance
                 )
+
+
+@pytest.mark.parametrize("height", [1e5, 1e7, 1e9])
+@pytest.mark.parametrize("eye", [(0.3, 0.05, 0.02), (0.0, -0.5, 0.1)])
+def test_points_far_along_the_axis_have_no_false_images(height, eye):
+    """Rays next to the axis' direction keep too few digits to meet them: none are shown then."""
+    points = np.array([(0.0, 0.0, height), (0.0, 0.0, -height)])
+    for path in ("TTTT", "TTRTT", "R"):
+        apparent = optics.apparent_points(HOLLOW, path, eye, points)
+        assert (apparent.residual[apparent.valid] < 1e-8 * height).all()
+
+
+@pytest.mark.parametrize("core", [1.0, 1.333])
+@pytest.mark.parametrize("exponent", [-5, -4, -3])
+def test_points_far_along_the_axis_are_seen_as_long_as_digits_last(core, exponent):
+    rng = np.random.default_rng(3)
+    glass, eye = optics.CylinderGlass((0.04, 0.037), (1.5, core)), np.array([0.3, 0.05, 0.02])
+    across = 10.0 ** (exponent + rng.random(500))
+    azimuth = np.arctan2(-eye[1], -eye[0]) + rng.uniform(-0.12, 0.12, 500)
+    flat = across[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    directions = np.column_stack([flat, np.sqrt(1.0 - across**2)])
+    for stretch in (2, 4):
+        points, seen = seen_points(rng, glass, eye, directions, "TTTT", stretch)
+        apparent = optics.apparent_points(glass, "TTTT", eye, points)
+        assert missing_images(seen, stretch, apparent) == 0
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-17, 1e-14, 1e-10, 1e-6])
+@pytest.mark.parametrize(
+    "glass",
+    [
+        optics.CylinderGlass((0.04,), (2.1,)),
+        optics.CylinderGlass((0.04, 0.037), (1.5, 1.0)),
+        optics.CylinderGlass((0.04, 0.037), (1.5, 1.333)),
+    ],
+)
+def test_an_eye_on_the_axis_sees_all_round(glass, off):
+    """Rays across the line from the axis to the eye are like any other."""
+    rng = np.random.default_rng(4)
+    eye, path = np.array([off, 0.0, 0.01]), "T" * len(glass.radius)
+    lean = 10.0 ** rng.uniform(-5.0, 0.0, 400) * rng.choice([-1.0, 1.0], 400)
+    azimuth = 0.5 * np.pi * rng.choice([-1.0, 1.0], 400) + lean
+    height = rng.uniform(-0.45, 0.45, 400)
+    flat = np.sqrt(1.0 - height**2)
+    directions = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), height])
+    for stretch in range(1, len(path) + 1):
+        points, seen = seen_points(rng, glass, eye, directions, path, stretch)
+        apparent = optics.apparent_points(glass, path, eye, points)
+        assert missing_images(seen, stretch, apparent) == 0
+        count, worst = false_images(glass, path, eye, points, apparent)
+        assert count == 0 and worst < 1e-9

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Glasses that are meshes: against closed forms, and laws that hold for any mesh."""
 
+import sys
+
 import meshes
 import numpy as np
 import pytest
@@ -206,3 +208,97 @@ def test_meshes_need_somebody_who_knows_where_they_are():
         optics.exit_rays([optics.PlacedMesh(1.5)], (0, 0, 0), [(0, 0, 1)])
     with pytest.raises(ValueError, match="ior must be"):
         optics.PlacedMesh(0.0)
+
+
+# ---- roughness ----------------------------------------------------------------------------------
+
+
+def pane(roughness):
+    body = optics.body(optics.FlatGlass((0.02,), (1.5,), outline=SQUARE))
+    return optics.PlacedGlass(body, np.eye(4), roughness=roughness)
+
+
+def test_facets_are_those_of_ggx():
+    """At normal incidence half of the visible normals are within tan = roughness²."""
+
+    def just_inside(origin, along):
+        return np.where(np.abs(origin[:, 2]) < 1e-9, 1e-4, np.inf)
+
+    count = 2000
+    for roughness in (0.1, 0.2, 0.3):
+        ends = optics.exit_rays(
+            [pane(roughness)], (0, 0, 0.3), np.tile((0.0, 0, -1), (count, 1)), cast=just_inside
+        )
+        inside = ends.direction[np.isfinite(ends.distance) & (ends.direction[:, 2] < 0.0)]
+        assert len(inside) > 5 * count
+        normals = unit(np.array([(0.0, 0, -1)]) - 1.5 * inside)
+        tangent = np.hypot(normals[:, 0], normals[:, 1]) / np.abs(normals[:, 2])
+        for part in (0.1, 0.3, 0.5, 0.7, 0.9):
+            expected = roughness**2 * np.sqrt(part / (1.0 - part))
+            assert np.mean(tangent < expected) == pytest.approx(part, abs=0.015)
+        # And no side is preferred.
+        assert np.abs(normals[:, :2].mean(axis=0)).max() < 0.02
+
+
+def test_rough_glass_keeps_its_light_and_is_smooth_glass_in_the_limit():
+    rng = np.random.default_rng(7)
+    body = optics.body(optics.CylinderGlass((0.04, 0.036), (1.5, 1.333), extent=(0.0, 0.1)))
+    eye, directions = rays_at(rng, 0.7 * body.box, 300)
+    results = []
+    for roughness in (0.0, 1e-3, 0.3):
+        glass = optics.PlacedGlass(body, np.eye(4), roughness=roughness)
+        ends = optics.exit_rays([glass], eye, directions, min_weight=0.01)
+        np.testing.assert_allclose(np.bincount(ends.ray, ends.weight, 300) + ends.lost, 1.0)
+        results.append(seen(ends, 300))
+    smooth, nearly, rough = results
+    assert np.median(np.abs(nearly - smooth)) < 1e-4
+    assert np.median(np.abs(rough - smooth)) > 1e-2
+
+
+def test_the_facets_of_a_pixel_are_always_the_same():
+    rng = np.random.default_rng(8)
+    eye, directions = rays_at(rng, pane(0.3).body.box, 200)
+    pixel = rng.permutation(1000)[:200]
+    whole = optics.exit_rays([pane(0.3)], eye, directions, pixel=pixel)
+    some = np.arange(50, 90)
+    part = optics.exit_rays([pane(0.3)], eye, directions[some], pixel=pixel[some])
+    rows = np.isin(whole.ray, some)
+    for name in ("weight", "direction", "origin", "path"):
+        a, b = getattr(whole, name)[rows], getattr(part, name)
+        order = (
+            np.lexsort((x[:, 0] if x.ndim > 1 else x, r))
+            for x, r in ((a, whole.ray[rows]), (b, part.ray))
+        )
+        one, other = order
+        np.testing.assert_array_equal(a[one], b[other])
+    # Another pixel has others, and a steeper ray of the same pixel nearly the same.
+    other = optics.exit_rays([pane(0.3)], eye, directions, pixel=pixel[::-1].copy())
+    assert np.median(np.abs(seen(other, 200) - seen(whole, 200))) > 1e-4
+    near = optics.exit_rays([pane(0.3)], eye, directions + 1e-7, pixel=pixel)
+    assert np.median(np.abs(seen(near, 200) - seen(whole, 200))) < 1e-5
+
+
+def test_few_facets_stand_for_many(monkeypatch):
+    """The mean over pixels is that of many facets, at both faces."""
+    module = sys.modules["glass_refraction.optics.exit_rays"]
+    count = 3000
+    along = np.tile(unit(np.array([(0.3, 0.1, -1.0)])), (count, 1))
+    results = []
+    for facets in (6, 100):
+        monkeypatch.setattr(module, "FACETS", facets)
+        number = count if facets == 6 else 180
+        ends = optics.exit_rays([pane(0.4)], (-0.09, -0.03, 0.3), along[:number])
+        results.append(seen(ends, number))
+    few, many = results
+    spread = few.std() / np.sqrt(len(few)) + many.std() / np.sqrt(len(many))
+    assert abs(few.mean() - many.mean()) < 4.0 * spread < 0.01
+    assert many.std() < 0.5 * few.std()
+
+
+def test_roughness_and_pixels_that_are_none():
+    with pytest.raises(ValueError, match="roughness must be"):
+        pane(1.5)
+    with pytest.raises(ValueError, match="roughness must be"):
+        optics.PlacedMesh(1.5, roughness=float("nan"))
+    with pytest.raises(ValueError, match="pixel must be"):
+        optics.exit_rays([pane(0.1)], (0, 0, 1), [(0, 0, -1)], pixel=[0.5])

@@ -128,3 +128,28 @@ def test_a_path_of_many_reflections_is_listed_at_once():
     # Each of them could be at either face: 2^60 orders, of which rays take few.
     glass = optics.CylinderGlass((0.04, 0.037), (1.5, 1.0))
     assert len(taken_branches(glass, 0, "T" + 60 * "R" + "T")) < 10
+
+
+@pytest.mark.parametrize(
+    "glass",
+    [
+        optics.CylinderGlass((0.04, 0.037), (1.5, 1.333)),
+        optics.SphereGlass((0.15, 0.147), (1.5, 1.333)),
+        optics.CylinderGlass((0.04, 0.036, 0.03), (1.5, 1.3, 1.7)),
+    ],
+)
+def test_long_mirror_chains_are_listed_if_they_carry_enough(glass):
+    """Light that runs round in a liquid, mirrored at the outer wall, for 25 events and more."""
+    eye, least = np.array([0.3, 0.05, 0.0]), 0.002
+    listed = {path.events for path in optics.light_paths(glass, eye, min_weight=least)}
+    impact = np.concatenate([np.linspace(0.0, 0.99, 2000), 1.0 - np.geomspace(1e-9, 1e-2, 4000)])
+    angle = np.arctan2(-eye[1], -eye[0]) + np.arcsin(impact * glass.radius[0] / np.hypot(*eye[:2]))
+    directions = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    chains = ["TT" + "TRT" * count + "TT" for count in range(18)]
+    weights, _ = optics.path_weights(glass, eye, directions, chains)
+    peaks = dict(zip(chains, weights.max(axis=1), strict=True))
+    assert max(len(chain) for chain in chains if peaks[chain] > least) > 30
+    for chain, peak in peaks.items():
+        # The sample of rays may miss a peak by a little.
+        if peak > 1.1 * least:
+            assert chain in listed, (chain, peak)
