@@ -16,6 +16,7 @@ from ..memory import counters
 from ..read.glasses import Glass, as_body
 from ..read.viewpoint import Viewpoint
 from .caster import Caster
+from .curtain import curtain
 from .exits import (
     SIDES,
     PictureRays,
@@ -39,6 +40,7 @@ NEAREST = 1e-3
 """Part of the glasses' size from where captures see at least."""
 FAR, FARTHER = 1e3, 1.1
 """Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
+NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
 MARGIN_PX = 2
 """Pixels round a glass's outline that are looked at too."""
 
@@ -97,6 +99,7 @@ class FrameResult:
     ----------
     cameras : of each view beside the direct picture, None where it is not needed.
     samples : a pixel, of each of these. far : metres, how far each must see.
+    curtains : of each, see :func:`curtain.curtain`.
     views : the pictures of each view's samples, the direct picture's first.
     alphas : weights without tints of the same samples.
     spread, beside, known, known_alpha : see :mod:`sum_tree`.
@@ -107,6 +110,7 @@ class FrameResult:
     cameras: tuple[RadianceView | None, ...]
     samples: tuple[int, ...]
     far: tuple[float, ...]
+    curtains: tuple[tuple[np.ndarray, np.ndarray], ...]
     views: tuple[Packed, ...]
     alphas: tuple[np.ndarray, ...]
     spread: np.ndarray
@@ -350,6 +354,11 @@ def _summed(
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
         far=tuple(_far(frame.things, view) for view in views[1:]),
+        curtains=tuple(
+            NO_CURTAIN if view is None else curtain(view, shown.pixels[shown.view == number])
+            for number, view in enumerate(views)
+            if number
+        ),
         views=tuple(parts),
         alphas=tuple(alphas),
         spread=packed.spread((width, height)),

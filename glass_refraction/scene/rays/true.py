@@ -21,7 +21,8 @@ from ..build.own_scenes import (
     write_setting,
 )
 from ..memory import Status, counters, memory_of
-from ..names import TAG, hidden_name
+from ..names import TAG, hidden_name, own
+from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, read_glasses
 from ..read.viewpoint import Viewpoint, border_window, render_size
 from ..read.visibility import rendered_layer
@@ -34,6 +35,8 @@ from .sum_tree import Pictures, SumTree, write_kernels
 from .things import read_things
 from .views import RadianceView
 
+CURTAIN = "curtain"
+"""Role of what hides the pixels of a view that nobody looks up."""
 CAPTURE, SKY, CAST = "capture", "sky", "cast"
 """Roles of own scenes: for captures, for views of the world alone, and one that rays are cast in."""
 ROOM = Room(captures=3, skies=3)
@@ -82,7 +85,28 @@ def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
     collection = new_collection(view[TAG], view)
     camera = new_object(view[TAG], bpy.data.cameras.new(hidden_name(view[TAG])), collection)
     view.camera = camera
+    mesh = bpy.data.meshes.new(hidden_name(CURTAIN))
+    curtain = new_object(CURTAIN, mesh, collection)
+    mesh.materials.append(_black())
+    for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(curtain, f"visible_{kind}", False)
     synchronise(view.view_layers[0])
+
+
+def _black() -> bpy.types.Material:
+    """The curtains' material: it ends a camera's rays and gives no light."""
+    found = (m for m in bpy.data.materials if own(m, CURTAIN) and not m.library)
+    material = next(found, None)
+    if material is None:
+        material = bpy.data.materials.new(hidden_name(CURTAIN))
+        material[TAG] = CURTAIN
+        tree = material.node_tree
+        tree.nodes.clear()
+        shader = tree.nodes.new("ShaderNodeEmission")
+        shader.inputs["Strength"].default_value = 0.0
+        end = tree.nodes.new("ShaderNodeOutputMaterial")
+        tree.links.new(shader.outputs["Emission"], end.inputs["Surface"])
+    return material
 
 
 def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
@@ -191,12 +215,29 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
     _match_views(scene, views)
-    settings = zip(views, result.cameras, result.samples, result.far, strict=True)
-    for view, camera, samples, far in settings:
+    settings = zip(
+        views, result.cameras, result.samples, result.far, result.curtains, strict=True
+    )
+    for view, camera, samples, far, curtain in settings:
         write_setting(view.view_layers[0], "use", camera is not None)
         if camera is not None:
             _aim_camera(view.camera, camera, far)
             write_setting(*_samples(view), samples)
+            _hang(view, curtain)
+
+
+def _hang(view: bpy.types.Scene, curtain: tuple[np.ndarray, np.ndarray]) -> None:
+    """Hang a curtain of points (V, 3) and quads (F, 4) before a view's camera.
+
+    In Cycles only: there it saves the pixels' samples. In EEVEE it would stand in the way of what
+    is traced on the screen.
+    """
+    obj = next(o for o in view.collection.all_objects if own(o, CURTAIN))
+    obj.data.clear_geometry()
+    if view.render.engine == "CYCLES" and len(curtain[1]):
+        write_polygons(obj.data, *curtain)
+        obj.matrix_world = view.camera.matrix_world
+    obj.data.update()
 
 
 def _aim_camera(camera: bpy.types.Object, view: RadianceView, far: float) -> None:
