@@ -145,9 +145,16 @@ def remove_object(obj: bpy.types.Object, *, keep: bool = False) -> None:
     source = source_of(obj) if obj.modifiers else None
     bpy.data.objects.remove(obj)
     if data is not None and data.users == 0 and own(data):
-        bpy.data.batch_remove([data])
+        _DATA[type(data)]().remove(data)
     if source is not None and not keep:
         _let_go(source)
+
+
+_DATA = {
+    bpy.types.Mesh: lambda: bpy.data.meshes,
+    bpy.types.Camera: lambda: bpy.data.cameras,
+}
+"""Where the data of own objects is kept."""
 
 
 def _let_go(obj: bpy.types.Object) -> None:

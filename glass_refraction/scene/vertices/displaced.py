@@ -87,7 +87,7 @@ def prepare(
     view_layer = rendered_layer(scene)
     sources = source_objects(view_layer, problems, ever=True)
     plan = _plan(scene, glasses, sources)
-    _check(scene, depsgraph, glasses, view, plan, problems)
+    _check(scene, depsgraph, glasses, plan, problems)
     memory = memory_of(scene)
     anew = (
         find_layers(scene) is None
@@ -133,8 +133,8 @@ def _plan(scene: bpy.types.Scene, glasses, sources) -> Plan:
     return Plan(tuple(planned), beyond)
 
 
-def _check(scene, depsgraph, glasses, view: Viewpoint, plan: Plan, problems: list[str]) -> None:
-    """Raise where no glass can be computed now; what only some lack is a frame's own problem."""
+def _check(scene, depsgraph, glasses, plan: Plan, problems: list[str]) -> None:
+    """Raise where no glass can be read now; what only some lack is a frame's own problem."""
     if not plan.sources and is_uniform(scene.world):
         raise RefractiveGlassError(
             f'Glass "{plan.glasses[0].name}": nothing can be seen through it; add a mesh that is '
@@ -145,8 +145,7 @@ def _check(scene, depsgraph, glasses, view: Viewpoint, plan: Plan, problems: lis
         if not is_shown(obj, depsgraph):
             continue
         try:
-            glass = read_glass(obj, depsgraph)
-            first_face(glass, view.eye_for(glass))
+            read_glass(obj, depsgraph)
         except RefractiveGlassError as error:
             wrong.append(str(error))
         else:
