@@ -13,7 +13,7 @@ from .chains import (
     trace_chain,
 )
 from .dispersion import LINES, dispersed_ior
-from .exit_rays import ExitRays, PlacedGlass, PlacedMesh, exit_rays
+from .exit_rays import ExitRays, exit_rays
 from .glasses import CylinderGlass, FlatGlass, SphereGlass
 from .images import ApparentPoints
 from .interpolation import edge_gaps, edges_to_split, triangle_gaps
@@ -21,6 +21,7 @@ from .laws import fresnel, reflect, refract
 from .lengths import path_lengths
 from .media import MEDIA
 from .paths import LightPath, ParallelView
+from .placed import PlacedGlass, PlacedMesh
 from .revolution import RevolutionGlass
 from .tracing import TracedRays, trace
 from .tumbler import Tumbler

@@ -6,27 +6,26 @@ of any glass, or a thing before it, or nothing more; at an interface it splits b
 equations. What a ray ends with are its *exit rays*: each has an origin, a direction, a share of the
 light and the distance to the thing that it sees.
 
-Glasses may overlap. A ray knows the medium of every glass that it is in; the one of the glass with
-the highest priority holds (nested dielectrics: C. Schmidt and B. Budge, Simple Nested Dielectrics
-in Ray Traced Images, Journal of Graphics Tools 7, 2002). An interface that does not change the
-medium that holds is passed straight.
+Glasses may overlap: `Media` tells which medium holds. An interface that does not change the medium
+that holds is passed straight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .axial import ENDLESS, PLAIN, BoundedGlass, nearest_marked
-from .glasses import _positive
+from .axial import ENDLESS, PLAIN, nearest_marked
+from .facets import bent, facet_shares, fold, visible_facets
 from .laws import reflectance_and_cosine
+from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, PlacedMesh
 from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import Floats, Rays
+from .vectors import LEAST, against, dot, refracted, rotated, units
 
 TOUCHING = 2.0**-21
 """Relative distance within which two surfaces touch: of the largest coordinate of the place where a
@@ -35,137 +34,6 @@ which Blender keeps places."""
 
 MOST_STRAIGHT = 64
 """Interfaces that a ray may pass straight, beside the `most_events` at which it is turned."""
-
-STAMPS = 1 << 12
-"""More than the glasses of a scene: priorities, entries and the order of the list in one number."""
-
-NOWHERE = np.iinfo(np.int64).min
-"""Rank of a glass that a ray is not in."""
-
-
-def _roughness(value: object) -> float:
-    if not (isinstance(value, (int, float)) and 0.0 <= value <= 1.0):
-        raise ValueError(f"roughness must be between 0 and 1, not {value!r}")
-    return float(value)
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedGlass:
-    """A glass of closed form in the world.
-
-    Parameters
-    ----------
-    body : BoundedGlass
-        Its description, see `body`; lengths in metres in its own frame.
-    pose : (4, 4)
-        Rigid: from the body's frame to the world, metres. A mirror image is rigid too.
-    absorption : (len(body.media), 3), optional
-        Absorption coefficients of each medium, per metre, red, green, blue. Medium 0 is not looked
-        at: the surroundings are clear.
-    priority : int
-        Of the media that overlap, that of the highest priority holds; of equal ones, that which the
-        ray entered first (what it starts in or enters at one place: the first in the list).
-    roughness : float
-        Of all its interfaces, 0 to 1, as a Glass BSDF has it (GGX). A ray is split at the first
-        into `FACETS` rays.
-    """
-
-    body: BoundedGlass
-    pose: ArrayLike
-    absorption: ArrayLike | None = None
-    priority: int = 0
-    roughness: float = 0.0
-
-    def __post_init__(self) -> None:
-        pose = np.array(self.pose, dtype=float)
-        turn = pose[:3, :3] if pose.shape == (4, 4) else None
-        if turn is None or not np.allclose(turn @ turn.T, np.eye(3), atol=RIGID):
-            raise ValueError(f"pose must be a rigid (4, 4) matrix, not {self.pose!r}")
-        object.__setattr__(self, "pose", pose)
-        object.__setattr__(self, "roughness", _roughness(self.roughness))
-
-    @property
-    def media(self) -> tuple[float, ...]:
-        return self.body.media
-
-    @cached_property
-    def _ball(self) -> tuple[Floats, float]:
-        """Middle and radius of a ball round the body in the world, metres."""
-        low, high = self.body.box
-        middle = self.pose[:3, :3] @ (0.5 * (low + high)) + self.pose[:3, 3]
-        return middle, 0.5 * float(np.linalg.norm(high - low)) * (1.0 + ROUNDING)
-
-    @property
-    def absorptions(self) -> ArrayLike | None:
-        """Of each of `media`, per metre."""
-        return self.absorption
-
-    def inward(self, place: Floats, direction: Floats) -> tuple[Floats, Floats]:
-        """Places and directions (3, M) of the world in the body's frame and unit of length."""
-        turn, origin = self.pose[:3, :3].T, self.pose[:3, 3]
-        local = _turned(turn, place - origin[:, None])
-        local /= self.body.scale
-        return local, _turned(turn, direction)
-
-    def near(self, place: Floats, direction: Floats) -> NDArray[np.bool_]:
-        """Which rays of the world, (3, M) each, pass through a ball round the body."""
-        middle, radius = self._ball
-        away = place - middle[:, None]
-        square = _dot(away, away)
-        along = _dot(away, direction)
-        # What rounding takes from the difference of squares is given back.
-        least = radius * radius + ROUNDING * square
-        return (square - along * along <= least) & ((along < 0.0) | (square <= least))
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedMesh:
-    """A glass that is a mesh. Where it is, the callback `meet` of `exit_rays` tells.
-
-    The front of a face is outside: a ray that meets a front is behind it in the glass, one that
-    meets a back was in the glass before, whatever it met before. So a mesh need not be closed, and
-    is treated as Cycles treats it. A ray that starts in a mesh is known to be in it from the first
-    of its faces that it meets.
-
-    Parameters
-    ----------
-    ior : float
-    absorption : (3,), optional
-        Absorption coefficients per metre, red, green, blue.
-    priority : int
-        As of `PlacedGlass`.
-    roughness : float
-        As of `PlacedGlass`.
-    box : (2, 3), optional
-        Lower and upper corner of a box round it in the world, metres: other rays are not asked for.
-    """
-
-    ior: float
-    absorption: ArrayLike | None = None
-    priority: int = 0
-    roughness: float = 0.0
-    box: ArrayLike | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "ior", _positive("ior", self.ior))
-        object.__setattr__(self, "roughness", _roughness(self.roughness))
-
-    @property
-    def media(self) -> tuple[float, ...]:
-        """The ior of what is around it, where nothing else is, and its own."""
-        return (1.0, self.ior)
-
-    @property
-    def absorptions(self) -> ArrayLike | None:
-        """Of each of `media`, per metre."""
-        return None if self.absorption is None else np.array([(0.0, 0.0, 0.0), self.absorption])
-
-
-RIGID = 1e-6
-"""How far the columns of a pose may be from perpendicular unit vectors."""
-
-ROUNDING = 1e-12
-"""Relative margin of the balls round glasses."""
 
 
 @dataclass(frozen=True)
@@ -214,8 +82,6 @@ class ExitRays:
     steps: int
 
 
-Placed = PlacedGlass | PlacedMesh
-
 Cast = Callable[[Floats, Floats], tuple[Floats, NDArray[np.intp]]]
 """(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none, and
 its number (L,), -1 for none."""
@@ -236,6 +102,8 @@ class _Live:
 
     `medium`: of each glass, 0 outside it. `entered`: the step in which each glass was entered.
     `facet`: the ray's number among those into which the first rough interface split it, else -1.
+    `aside`: (3, L), from where a ray starts to where it looks for things from. `thing`: number of
+    the thing that it met when it last looked, -1 for none.
     """
 
     ray: NDArray[np.intp]
@@ -248,6 +116,8 @@ class _Live:
     medium: NDArray[np.int8]
     entered: NDArray[np.int16]
     facet: NDArray[np.int8]
+    aside: Floats
+    thing: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.ray)
@@ -284,50 +154,6 @@ class _Met:
         return _Met(*(getattr(self, part.name)[..., which] for part in fields(self)))
 
 
-class _Media:
-    """What holds where: tables of all media of all glasses."""
-
-    def __init__(self, glasses: Sequence[Placed]) -> None:
-        around = {glass.media[0] for glass in glasses if isinstance(glass, PlacedGlass)}
-        if len(around) > 1:
-            raise ValueError(f"glasses must have the same surroundings, not ior {sorted(around)}")
-        if len(glasses) >= STAMPS:
-            raise ValueError(f"glasses must be fewer than {STAMPS}, not {len(glasses)}")
-        widest = max((len(glass.media) for glass in glasses), default=1)
-        # The last row, which -1 finds, are the surroundings.
-        self.ior = np.full((len(glasses) + 1, widest), around.pop() if around else 1.0)
-        self.absorption = np.zeros((len(glasses) + 1, widest, 3))
-        for number, glass in enumerate(glasses):
-            count = len(glass.media)
-            self.ior[number, 1:count] = glass.media[1:]
-            if glass.absorptions is None:
-                continue
-            table = np.asarray(glass.absorptions, dtype=float)
-            if table.shape != (count, 3):
-                raise ValueError(f"absorption must be ({count}, 3), not of shape {table.shape}")
-            self.absorption[number, 1:count] = table[1:]
-        self.clear = not self.absorption.any()
-        ranks = {value: n for n, value in enumerate(sorted({g.priority for g in glasses}))}
-        # Priority first, then what was entered before, then the order of the list.
-        self.rank = np.array(
-            [ranks[g.priority] * STAMPS**3 - number for number, g in enumerate(glasses)],
-            dtype=np.int64,
-        )
-
-    def holding(self, medium, entered) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Glass (-1: none) and its medium (0: none) that hold, of media (G, L) of every glass."""
-        count = medium.shape[1]
-        if not len(medium):
-            return np.full(count, -1), np.zeros(count, dtype=np.intp)
-        if len(medium) == 1:
-            return np.where(medium[0] > 0, 0, -1), medium[0].astype(np.intp)
-        rank = self.rank[:, None] - entered.astype(np.int64) * STAMPS
-        rank[medium == 0] = NOWHERE
-        first = np.argmax(rank, axis=0)
-        held = medium[first, np.arange(count)].astype(np.intp)
-        return np.where(held > 0, first, -1), held
-
-
 @dataclass
 class _Followed:
     """One call of `exit_rays`."""
@@ -339,18 +165,26 @@ class _Followed:
     ask: Meet | None
     fresnel: bool
     things: Floats | None
+    accuracy: float | None
     pixel: NDArray[np.int64]
-    media: _Media = field(init=False)
+    media: Media = field(init=False)
     meshes: list[int] = field(init=False)
     alpha: Floats = field(init=False)
-    rows: list[tuple[_Live, Floats, NDArray[np.intp]]] = field(default_factory=list)
+    rows: list[tuple[_Live, Floats]] = field(default_factory=list)
     steps: int = 0
 
     def __post_init__(self) -> None:
-        self.media = _Media(self.glasses)
+        self.media = Media(self.glasses)
         self.meshes = [n for n, glass in enumerate(self.glasses) if isinstance(glass, PlacedMesh)]
         self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
         self.rough = bool(self.alpha.any())
+        boxes = [self.glasses[number].box for number in self.meshes]
+        self.mesh_boxes = None
+        if boxes and not any(box is None for box in boxes):
+            self.mesh_boxes = np.asarray(boxes, dtype=float)
+        self.grain = _grain(self.mesh_boxes)
+        if self.accuracy is None:
+            self.accuracy = _grain(self.things)
         if self.meshes and self.ask is None:
             raise ValueError("meet must tell where the glasses are that are meshes, not None")
 
@@ -378,6 +212,8 @@ class _Followed:
             medium=medium,
             entered=np.zeros((glasses, count), dtype=np.int16),
             facet=np.full(count, -1, dtype=np.int8),
+            aside=np.zeros((3, count)),
+            thing=np.full(count, -1, dtype=np.int32),
         )
 
     # ---- one step -----------------------------------------------------------------------
@@ -386,11 +222,11 @@ class _Followed:
         """The rays behind their next interface; those that end are kept in `rows`."""
         self.steps += 1
         met = self.meet(live)
-        free, thing = self.look(live, met)
-        reach = np.abs(live.place).max(axis=0)
+        free = self.look(live, met)
         finite = np.isfinite(met.way)
-        near = TOUCHING * np.where(finite, np.maximum(reach, met.way), reach)
-        seen = free < np.where(finite, met.way - near, np.inf)
+        near = self.touching(live.place, np.where(finite, met.way, 0.0))
+        contact = near + 2.0 * self.accuracy
+        seen = free < np.where(finite, met.way - contact, np.inf)
         leaked = met.leaked & ~seen
         ends = (seen | ~finite) & ~leaked
         if not self.media.clear:
@@ -400,11 +236,16 @@ class _Followed:
             way = np.where(np.isfinite(length), length, 0.0)
             live.depth += self.media.absorption[glass, medium].T * way
         which = np.flatnonzero(ends)
-        self.rows.append((live.take(which), free[which], thing[which]))
+        self.rows.append((live.take(which), free[which]))
         lost += np.bincount(live.ray[leaked], live.weight[leaked], len(lost))
         on = np.flatnonzero(~ends & ~leaked)
-        touched = free[on] <= met.way[on] + near[on]
-        return self.split(live.take(on), met.take(on), touched, thing[on], near[on], lost)
+        touched = free[on] <= met.way[on] + contact[on]
+        lift = np.where(touched, CLEARANCE * contact[on], 0.0)
+        return self.split(live.take(on), met.take(on), near[on], lift, lost)
+
+    def touching(self, place: Floats, way: Floats) -> Floats:
+        """Metres (L,) along rays within which interfaces touch that are met after a way."""
+        return TOUCHING * np.maximum(np.abs(place).max(axis=0), way) + self.grain
 
     def meet(self, live: _Live) -> _Met:
         """The next interface of every ray, of all glasses."""
@@ -428,13 +269,14 @@ class _Followed:
             way = met.way[block]
             for meeting in found:
                 way[meeting.index] = np.minimum(way[meeting.index], meeting.way)
-            reach = np.abs(live.place[:, block]).max(axis=0) if len(found) > 1 else None
+            near = None
+            if len(found) > 1:
+                near = self.touching(live.place[:, block], np.where(np.isfinite(way), way, 0.0))
             telling = np.full(len(way), NOWHERE)
             for meeting in found:
-                if reach is not None:
-                    nearest = way[meeting.index]
-                    near = TOUCHING * np.maximum(reach[meeting.index], nearest)
-                    meeting = meeting.take(np.flatnonzero(meeting.way <= nearest + near))
+                if near is not None:
+                    last = (way + near)[meeting.index]
+                    meeting = meeting.take(np.flatnonzero(meeting.way <= last))
                 if not len(meeting.index):
                     continue
                 index = meeting.index + block.start
@@ -457,11 +299,10 @@ class _Followed:
 
     def meet_meshes(self, live: _Live) -> list[_Faces]:
         """The next faces of meshes, for those rays that can meet one."""
-        boxes = [self.glasses[number].box for number in self.meshes]
         some = np.arange(len(live))
-        if not any(box is None for box in boxes):
+        if self.mesh_boxes is not None:
             inside = (live.medium[self.meshes] > 0).any(axis=0)
-            inside |= _meets_boxes(np.asarray(boxes, dtype=float), live, np.full(len(live), np.inf))
+            inside |= _meets_boxes(self.mesh_boxes, live, np.full(len(live), np.inf))
             some = np.flatnonzero(inside)
         if not len(some):
             return []
@@ -476,63 +317,68 @@ class _Followed:
         for numbers, ways, flats, smooths in zip(*rows, *vectors, strict=True):
             on = np.flatnonzero(np.isfinite(ways))
             on = on[np.abs(flats[on]).max(axis=1, initial=0.0) > 0.0]
-            flats, smooths = _units(flats[on].T), _units(smooths[on].T)
+            flats, smooths = units(flats[on].T), units(smooths[on].T)
             lost = ~smooths.any(axis=0)
             smooths[:, lost] = flats[:, lost]
-            beyond = (_dot(flats, along[:, on]) < 0.0).astype(np.int8)
+            beyond = (dot(flats, along[:, on]) < 0.0).astype(np.int8)
             found.append(
                 _Faces(some[on], ways[on], numbers[on].astype(np.intp), beyond, flats, smooths)
             )
         return found
 
-    def look(self, live: _Live, met: _Met) -> tuple[Floats, NDArray[np.intp]]:
-        """Metres (L,) to the nearest thing, looked for where one can be, and its number."""
-        free, thing = np.full(len(live), np.inf), np.full(len(live), -1, dtype=np.intp)
+    def look(self, live: _Live, met: _Met) -> Floats:
+        """Metres (L,) to the nearest thing, looked for where one can be; the rays note which."""
+        free = np.full(len(live), np.inf)
+        live.thing = np.full(len(live), -1, dtype=np.int32)
         if self.cast is None or not len(live):
-            return free, thing
+            return free
         some = slice(None)
         if self.things is not None:
-            some = np.flatnonzero(_meets_boxes(self.things, live, met.way))
+            # As far as things may touch the interface, whatever the ray starts from.
+            far = np.where(np.isfinite(met.way), met.way, 0.0)
+            margin = self.touching(live.place, far) + 2.0 * self.accuracy
+            some = np.flatnonzero(_meets_boxes(self.things, live, met.way + margin))
             if not len(some):
-                return free, thing
-        origins = np.ascontiguousarray(live.place[:, some].T)
-        along = np.ascontiguousarray(live.direction[:, some].T)
-        free[some], thing[some] = self.cast(origins, along)
-        return free, thing
+                return free
+        aside, along = live.aside[:, some], live.direction[:, some]
+        origins = np.ascontiguousarray((live.place[:, some] + aside).T)
+        way, live.thing[some] = self.cast(origins, np.ascontiguousarray(along.T))
+        free[some] = way + dot(aside, along)
+        return np.maximum(free, 0.0)
 
-    def split(self, live: _Live, met: _Met, touched, thing, near, lost: Floats) -> _Live:
+    def split(self, live: _Live, met: _Met, near, lift, lost: Floats) -> _Live:
         """The rays behind the interfaces that they met.
 
-        `touched`: a thing touches the interface within `near`. Between the two is a film of the
-        medium behind the interface: what gets through the interface sees the thing.
+        `near`: how near interfaces count as touching, `lift`: how far off the interface rays look
+        for things from that are reflected where one touches it; 0 where none does. Between thing
+        and interface is a film of the medium behind it: what gets through sees the thing.
         """
-        children: dict[int, tuple[tuple, _Live, tuple]] = {}
+        children: dict[int, tuple[_Live, _Live, tuple]] = {}
 
         def work(block: slice) -> None:
             children[block.start] = self._split(
-                live.take(block), met.take(block), touched[block], thing[block], near[block]
+                live.take(block), met.take(block), near[block], lift[block]
             )
 
         in_blocks(work, len(live))
         further = []
         for _, (seen, followed, dropped) in sorted(children.items()):
-            if len(seen[1]):
-                self.rows.append((seen[0], np.zeros(len(seen[1])), seen[1]))
+            if len(seen):
+                self.rows.append((seen, np.zeros(len(seen))))
             further.append(followed)
             lost += np.bincount(*dropped, len(lost))
         return _Live.join(further) if further else live
 
-    def _split(self, live: _Live, met: _Met, touched, thing, near) -> tuple[tuple, _Live, tuple]:
-        """Rays that see what touches and what that is, rays to follow, and (ray, weight) of what is
-        dropped."""
+    def _split(self, live: _Live, met: _Met, near, lift) -> tuple[_Live, _Live, tuple]:
+        """Rays that see what touches, rays to follow, and (ray, weight) of what is dropped."""
         live.place += met.way * live.direction
         crossing = self._crossing(live, met)
         if self.rough:
             live, met, crossing, rows = self._roughened(live, met, crossing)
-            touched, thing, near = touched[rows], thing[rows], near[rows]
+            near, lift = near[rows], lift[rows]
         straight, eta, flat = crossing.straight, crossing.eta, crossing.flat
         direction, normal = live.direction, crossing.normal
-        cosine = np.minimum(np.maximum(-_dot(normal, direction), 0.0), 1.0)
+        cosine = np.minimum(np.maximum(-dot(normal, direction), 0.0), 1.0)
         reflectance, behind = reflectance_and_cosine(cosine, eta)
         if not self.fresnel:
             reflectance = np.where(behind > 0.0, 0.0, 1.0)
@@ -550,29 +396,30 @@ class _Followed:
         passed, on, back = enough[0], *(np.flatnonzero(keep) for keep in enough)
 
         through = live.take(on)
-        turned = _refracted(direction, normal, cosine, behind, eta)
+        turned = refracted(direction, normal, cosine, behind, eta)
         through.direction = np.where(straight, direction, turned)[:, on]
         through.weight, through.events = shares[0][on], events[on]
         through.medium, through.entered = met.after[:, on], crossing.entered[:, on]
         code = _interface_code(met.glass, met.interface)
-        folded = _fold(through.path, code[on])
+        folded = fold(through.path, code[on])
         through.path = np.where(straight[on], through.path, folded)
         if self.meshes:
             # Off all faces that were passed here, which float32 puts a little before or behind.
             through.place -= CLEARANCE * near[on] * flat[:, on]
+        through.aside = np.zeros((3, len(on)))
 
         off = live.take(back)
         mirrored = direction + (2.0 * cosine) * normal
-        off.direction = _units(mirrored[:, back])
+        off.direction = units(mirrored[:, back])
         off.weight, off.events = shares[1][back], events[back]
-        off.path = _fold(off.path, code[back] + 1)
+        off.path = fold(off.path, code[back] + 1)
+        if self.meshes:
+            off.place += CLEARANCE * near[back] * flat[:, back]
         # A thing that touches is on the other side, whatever the rounding of its distance.
-        aside = near[back] if self.meshes else np.where(touched[back], near[back], 0.0)
-        off.place += CLEARANCE * aside * flat[:, back]
+        off.aside = lift[back] * flat[:, back]
 
-        meets = (touched & passed)[on]
-        seen = through.take(np.flatnonzero(meets)), thing[on][meets]
-        through = through.take(np.flatnonzero(~meets))
+        meets = ((lift > 0.0) & passed)[on]
+        seen, through = through.take(np.flatnonzero(meets)), through.take(np.flatnonzero(~meets))
         ray, weight = (np.concatenate(column) for column in zip(*dropped, strict=True))
         return seen, _Live.join([through, off]), (ray, weight)
 
@@ -597,12 +444,12 @@ class _Followed:
         straight = (glass == glass_after) & (medium == medium_after)
         eta = self.media.ior[glass, medium] / self.media.ior[glass_after, medium_after]
         if not self.meshes:
-            normal = met.normal * _against(met.normal, direction)
+            normal = met.normal * against(met.normal, direction)
             return _Crossing(straight, eta, entered, normal, normal)
         # The interpolated normal is on the side that the face's is on.
-        side = _against(met.flat, direction)
+        side = against(met.flat, direction)
         flat = met.flat * side
-        normal = _bent(met.normal * side, flat, direction, eta)
+        normal = bent(met.normal * side, flat, direction, eta)
         return _Crossing(straight, eta, entered, flat, normal)
 
     def _roughened(self, live: _Live, met: _Met, crossing: _Crossing) -> tuple:
@@ -622,9 +469,9 @@ class _Followed:
         live.weight[fresh] /= FACETS
         some = np.flatnonzero(rough[rows])
         normal, flat = crossing.normal[:, some], crossing.flat[:, some]
-        shares = _shares(self.pixel[live.ray[some]], live.facet[some], live.events[some])
-        facet = _facets(normal, live.direction[:, some], alpha[rows[some]], *shares)
-        facet = _bent(facet, flat, live.direction[:, some], crossing.eta[some])
+        places = facet_shares(self.pixel[live.ray[some]], live.facet[some], live.events[some])
+        facet = visible_facets(normal, live.direction[:, some], alpha[rows[some]], *places)
+        facet = bent(facet, flat, live.direction[:, some], crossing.eta[some])
         crossing.normal = crossing.normal.copy()
         crossing.normal[:, some] = facet
         return live, met, crossing, rows
@@ -655,9 +502,6 @@ CLEARANCE = 2.0
 """Distance, in those within which surfaces touch, that rays are put off an interface where rounding
 must not let them meet it again (C. Wächter and N. Binder, A Fast and Robust Method for Avoiding
 Self-Intersection, Ray Tracing Gems, 2019). Closed forms need none: their sides tell."""
-
-LEAST = 1e-300
-"""Stands for a square of 0."""
 
 
 @dataclass
@@ -695,7 +539,7 @@ class _Meeting:
             marks = (self.mark[some],) if isinstance(surface, Profile) else ()
             for axis, part in enumerate(surface.normal(*here, *marks)):
                 found[axis, some] = part
-        found = _turned(self.glass.pose[:3, :3], found)
+        found = rotated(self.glass.pose[:3, :3], found)
         return found, found
 
 
@@ -765,156 +609,35 @@ def _meetings(
     return found
 
 
+def _grain(boxes: Floats | None) -> float:
+    """Metres by which float32 may be off the faces of things in boxes (B, 2, 3)."""
+    return 0.0 if boxes is None or not len(boxes) else GRAIN * float(np.ptp(boxes, axis=1).max())
+
+
+GRAIN = 2.0**-22
+"""Of the length of a triangle's edges: what Blender's ray caster may be off, as measured (at most
+2.0e-7 over edges of 0.3 to 3,000 m)."""
+
+
 def _meets_boxes(boxes: Floats, live: _Live, way: Floats) -> NDArray[np.bool_]:
-    """Which rays come, before their next interface or as near to it as things touch, into one of
-    the boxes (B, 2, 3)."""
+    """Which rays come into one of the boxes (B, 2, 3) within a way."""
     found = np.zeros(len(way), dtype=bool)
     # A direction of 0 is taken as one too small to matter.
     along = np.where(np.abs(live.direction) < LEAST, LEAST, live.direction)
     inverse = 1.0 / along
-    reach = np.abs(live.place).max(axis=0)
     for low, high in boxes:
-        margin = TOUCHING * max(np.abs(low).max(), np.abs(high).max())
+        margin = TOUCHING * max(np.abs(low).max(), np.abs(high).max()) + _grain(boxes)
         begin = ((low - margin)[:, None] - live.place) * inverse
         end = ((high + margin)[:, None] - live.place) * inverse
         enters = np.minimum(begin, end).max(axis=0)
         leaves = np.maximum(begin, end).min(axis=0)
-        last = way + 2.0 * TOUCHING * np.maximum(reach, np.where(np.isfinite(way), way, 0.0))
-        found |= (enters <= np.minimum(leaves, last)) & (leaves >= 0.0)
+        found |= (enters <= np.minimum(leaves, way)) & (leaves >= 0.0)
     return found
-
-
-def _facets(normal: Floats, direction: Floats, alpha: Floats, first, second) -> Floats:
-    """Normals (3, L) of facets of a rough surface as a ray sees them.
-
-    GGX, visible normals, by two shares (L,) between 0 and 1 (J. Dupuy and A. Benyoub, Sampling
-    Visible GGX Normals with Spherical Caps, 2023). `alpha`: roughness squared.
-    """
-    # A frame round the normal (T. Duff and others, Building an Orthonormal Basis, Revisited, 2017)
-    x, y, z = normal
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    one = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x])
-    other = np.stack([b, sign + y * y * a, -y])
-    view = _units(
-        np.stack(
-            [
-                -alpha * _dot(one, direction),
-                -alpha * _dot(other, direction),
-                -_dot(normal, direction),
-            ]
-        )
-    )
-    azimuth = 2.0 * np.pi * first
-    height = (1.0 - second) * (1.0 + view[2]) - view[2]
-    radius = np.sqrt(np.maximum(1.0 - height * height, 0.0))
-    x, y, z = (
-        radius * np.cos(azimuth) + view[0],
-        radius * np.sin(azimuth) + view[1],
-        height + view[2],
-    )
-    return _units(alpha * x * one + alpha * y * other + np.maximum(z, 0.0) * normal)
-
-
-def _shares(pixel, facet, events) -> tuple[Floats, Floats]:
-    """Two numbers between 0 and 1 for a pixel's facet at an event: always the same ones.
-
-    The facets of a pixel are spread evenly (M. Roberts, The Unreasonable Effectiveness of
-    Quasirandom Sequences, 2018), from a place that pixel and event choose.
-    """
-    found = []
-    for axis, step in enumerate((0.7548776662466927, 0.5698402909980532)):
-        start = _fold(pixel.astype(np.uint64), events.astype(np.int64) * 2 + axis + 1)
-        start = _fold(start, np.int64(1))
-        begin = (start >> np.uint64(11)).astype(float) * 2.0**-53
-        found.append((begin + (facet + 0.5) * step) % 1.0)
-    return found[0], found[1]
-
-
-# Sums of products are written out: BLAS and einsum round the last columns of an array otherwise
-# than the first, so that a ray's way would depend on its neighbours.
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    """Inner products (L,) of vectors (3, L)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _turned(matrix: Floats, vectors: Floats) -> Floats:
-    """The product of a matrix (3, 3) with vectors (3, L)."""
-    found = np.empty(vectors.shape)
-    for row, (a, b, c) in enumerate(matrix):
-        found[row] = a * vectors[0] + b * vectors[1] + c * vectors[2]
-    return found
-
-
-def _units(vectors: Floats) -> Floats:
-    """Vectors (3, L) made unit; 0 stays 0."""
-    return vectors / np.sqrt(np.maximum(_dot(vectors, vectors), LEAST))
-
-
-def _against(normal: Floats, direction: Floats) -> Floats:
-    """The sign (L,) that turns normals (3, L) to the side that rays come from."""
-    return np.where(_dot(normal, direction) > 0.0, -1.0, 1.0)
-
-
-def _refracted(direction, normal, cosine, behind, eta) -> Floats:
-    """Unit directions (3, L) behind a surface, the normal against `direction`."""
-    return _units(eta * direction + (eta * cosine - behind) * normal)
-
-
-def _bent(normal: Floats, flat: Floats, direction: Floats, eta: Floats) -> Floats:
-    """Interpolated normals turned towards the face's as little as is needed.
-
-    Behind them neither the reflected nor the refracted ray is on the wrong side of the face. (For
-    reflected rays that is what Cycles' ``ensure_valid_specular_reflection`` does, with the same
-    least angle to the face.)
-    """
-    grazing = np.minimum(-SHARE * _dot(flat, direction), CLEAR)
-    _, below = reflectance_and_cosine(np.clip(-_dot(flat, direction), 0.0, 1.0), eta)
-    sunk = np.minimum(SHARE * below, CLEAR)
-
-    def right(part, which) -> NDArray[np.bool_]:
-        d, f = direction[:, which], flat[:, which]
-        cosine = -_dot(part, d)
-        up = _dot(d, f) + 2.0 * cosine * _dot(part, f)
-        _, behind = reflectance_and_cosine(np.clip(cosine, 0.0, 1.0), eta[which])
-        down = -_dot(_refracted(d, part, cosine, behind, eta[which]), f)
-        total = behind == 0.0
-        return (cosine > 0.0) & (up >= grazing[which]) & (total | (down >= sunk[which]))
-
-    wrong = np.flatnonzero(~right(normal, slice(None)) & (normal != flat).any(axis=0))
-    if not len(wrong):
-        return normal
-    one, other = normal[:, wrong], flat[:, wrong]
-    low, high = np.zeros(len(wrong)), np.ones(len(wrong))
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        enough = right(_units(one + middle * (other - one)), wrong)
-        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
-    bent = normal.copy()
-    bent[:, wrong] = _units(one + high * (other - one))
-    return bent
-
-
-SHARE, CLEAR = 0.9, 0.01
-"""Least cosine between a ray that leaves a face and the face's normal: this share of that of the
-ray it comes from, or this, as in Cycles."""
-
-HALVINGS = 12
-"""By which the least turn of a normal is found: to 1/4096 of the whole."""
 
 
 def _interface_code(glass, interface) -> NDArray[np.int64]:
     """Odd numbers for refraction at an interface; reflection is one more."""
     return (glass.astype(np.int64) * STAMPS + interface) * 2 + 1
-
-
-def _fold(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint64]:
-    """The hash of a sequence that goes on with a code (a multiplicative hash, xor-shifted)."""
-    mixed = (path ^ code.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
-    return mixed ^ (mixed >> np.uint64(32))
 
 
 def _pixels(pixel: ArrayLike | None, total: int) -> NDArray[np.int64]:
@@ -937,6 +660,7 @@ def exit_rays(
     things: ArrayLike | None = None,
     meet: Meet | None = None,
     fresnel: bool = True,
+    accuracy: float | None = None,
     pixel: ArrayLike | None = None,
 ) -> ExitRays:
     """Follow rays through glasses along all ways that carry enough of the light.
@@ -967,6 +691,9 @@ def exit_rays(
     fresnel
         False: interfaces only refract and take no light in doing so. What is totally reflected is
         followed all the same.
+    accuracy
+        Metres by which distances of `cast` may be off; a thing touches an interface within twice
+        that too. None: `GRAIN` of the longest side of a box in `things`, or 0 without.
     pixel : (M,) int, optional
         What chooses the facets of rough glasses: the same numbers, the same facets, whatever moves.
         None: the rays' own numbers.
@@ -988,17 +715,24 @@ def exit_rays(
     unit[proper] /= np.sqrt(np.sum(unit[proper] ** 2, axis=-1, keepdims=True))
     boxes = None if things is None else np.asarray(things, dtype=float).reshape(-1, 2, 3)
     followed = _Followed(
-        glasses, min_weight, most_events, cast, meet, fresnel, boxes, _pixels(pixel, total)
+        glasses,
+        min_weight,
+        most_events,
+        cast,
+        meet,
+        fresnel,
+        boxes,
+        accuracy,
+        _pixels(pixel, total),
     )
     lost = np.where(fit, 0.0, 1.0)
     live = followed.start(origins, unit, proper)
     while len(live) and followed.steps < most_events + MOST_STRAIGHT:
         live = followed.step(live, lost)
     lost += np.bincount(live.ray, live.weight, total)
-    nothing = live.take(slice(0, 0)), np.zeros(0), np.zeros(0, dtype=np.intp)
-    rows = [*followed.rows, nothing]
+    rows = [*followed.rows, (live.take(slice(0, 0)), np.zeros(0))]
     ends = _Live.join([row[0] for row in rows])
-    distance, thing = (np.concatenate([row[k] for row in rows]) for k in (1, 2))
+    distance = np.concatenate([row[1] for row in rows])
     order = np.argsort(ends.ray, kind="stable")
     ends = ends.take(order)
     return ExitRays(
@@ -1008,7 +742,7 @@ def exit_rays(
         origin=np.ascontiguousarray(ends.place.T),
         direction=np.ascontiguousarray(ends.direction.T),
         distance=distance[order],
-        thing=thing[order],
+        thing=ends.thing.astype(np.intp),
         events=ends.events.astype(np.intp),
         path=ends.path.view(np.int64),
         lost=lost,

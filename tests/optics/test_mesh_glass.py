@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from glass_refraction import optics
-from glass_refraction.optics.exit_rays import CLEAR, SHARE, _bent
+from glass_refraction.optics import facets
+from glass_refraction.optics.facets import CLEAR, SHARE
 
 SQUARE = ((-0.05, -0.04), (0.05, -0.04), (0.05, 0.04), (-0.05, 0.04))
 
@@ -161,8 +162,11 @@ def test_a_mesh_stays_where_boxes_say_it_is():
         glasses = [optics.PlacedMesh(1.5, box=boxes[0]), optics.PlacedMesh(1.6, box=boxes[1])]
         results.append(optics.exit_rays(glasses, eye, directions, meet=meet, min_weight=0.02))
         asked.append(meet.rays)
-    for name in ("ray", "weight", "origin", "direction", "path", "lost"):
+    for name in ("ray", "path"):
         np.testing.assert_array_equal(*(getattr(ends, name) for ends in results))
+    # Boxes also tell how coarse float32 is there, by which rays start off faces.
+    for name in ("weight", "origin", "direction", "lost"):
+        np.testing.assert_allclose(*(getattr(ends, name) for ends in results), atol=1e-5)
     assert asked[1] < 0.7 * asked[0]
 
 
@@ -189,7 +193,7 @@ def test_interpolated_normals_send_no_ray_to_the_wrong_side():
     flat = flat * np.where(np.sum(flat * along, axis=0) > 0.0, -1.0, 1.0)
     smooth = unit(flat.T + rng.uniform(0.0, 2.0, (count, 1)) * rng.normal(size=(count, 3))).T
     eta = np.where(rng.random(count) < 0.5, 1.5, 1 / 1.5)
-    bent = _bent(smooth, flat, along, eta)
+    bent = facets.bent(smooth, flat, along, eta)
     np.testing.assert_allclose(np.linalg.norm(bent, axis=0), 1.0)
     facing = -np.sum(flat * along, axis=0)
     up = np.sum(optics.reflect(along.T, bent.T) * flat.T, axis=1)
@@ -200,7 +204,7 @@ def test_interpolated_normals_send_no_ray_to_the_wrong_side():
     # Those that were right are left alone.
     kept = (bent == smooth).all(axis=0)
     assert kept.mean() > 0.3
-    np.testing.assert_array_equal(_bent(flat, flat, along, eta), flat)
+    np.testing.assert_array_equal(facets.bent(flat, flat, along, eta), flat)
 
 
 def test_meshes_need_somebody_who_knows_where_they_are():
@@ -285,9 +289,9 @@ def test_few_facets_stand_for_many(monkeypatch):
     count = 3000
     along = np.tile(unit(np.array([(0.3, 0.1, -1.0)])), (count, 1))
     results = []
-    for facets in (6, 100):
-        monkeypatch.setattr(module, "FACETS", facets)
-        number = count if facets == 6 else 180
+    for number_of_facets in (6, 100):
+        monkeypatch.setattr(module, "FACETS", number_of_facets)
+        number = count if number_of_facets == 6 else 180
         ends = optics.exit_rays([pane(0.4)], (-0.09, -0.03, 0.3), along[:number])
         results.append(seen(ends, number))
     few, many = results

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Normals for refraction that are not the surface's own: interpolated ones, and those of facets.
+
+A mesh's faces are flat but shaded by interpolated normals; a rough surface consists of facets. In
+both cases rays must end on the side of the surface where they belong.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .laws import reflectance_and_cosine
+from .surfaces import Floats
+from .vectors import dot, refracted, units
+
+
+def bent(normal: Floats, flat: Floats, direction: Floats, eta: Floats) -> Floats:
+    """Interpolated normals turned towards the face's as little as is needed.
+
+    Behind them neither the reflected nor the refracted ray is on the wrong side of the face. (For
+    reflected rays that is what Cycles' ``ensure_valid_specular_reflection`` does, with the same
+    least angle to the face.)
+    """
+    grazing = np.minimum(-SHARE * dot(flat, direction), CLEAR)
+    _, below = reflectance_and_cosine(np.clip(-dot(flat, direction), 0.0, 1.0), eta)
+    sunk = np.minimum(SHARE * below, CLEAR)
+
+    def right(part, which) -> NDArray[np.bool_]:
+        d, f = direction[:, which], flat[:, which]
+        cosine = -dot(part, d)
+        up = dot(d, f) + 2.0 * cosine * dot(part, f)
+        _, behind = reflectance_and_cosine(np.clip(cosine, 0.0, 1.0), eta[which])
+        down = -dot(refracted(d, part, cosine, behind, eta[which]), f)
+        total = behind == 0.0
+        return (cosine > 0.0) & (up >= grazing[which]) & (total | (down >= sunk[which]))
+
+    wrong = np.flatnonzero(~right(normal, slice(None)) & (normal != flat).any(axis=0))
+    if not len(wrong):
+        return normal
+    one, other = normal[:, wrong], flat[:, wrong]
+    low, high = np.zeros(len(wrong)), np.ones(len(wrong))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        enough = right(units(one + middle * (other - one)), wrong)
+        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+    bent = normal.copy()
+    bent[:, wrong] = units(one + high * (other - one))
+    return bent
+
+
+SHARE, CLEAR = 0.9, 0.01
+"""Least cosine between a ray that leaves a face and the face's normal: this share of that of the
+ray it comes from, or this, as in Cycles."""
+
+HALVINGS = 12
+"""By which the least turn of a normal is found: to 1/4096 of the whole."""
+
+
+def visible_facets(normal: Floats, direction: Floats, alpha: Floats, first, second) -> Floats:
+    """Normals (3, L) of facets of a rough surface as a ray sees them.
+
+    GGX, visible normals, by two shares (L,) between 0 and 1 (J. Dupuy and A. Benyoub, Sampling
+    Visible GGX Normals with Spherical Caps, 2023). `alpha`: roughness squared.
+    """
+    # A frame round the normal (T. Duff and others, Building an Orthonormal Basis, Revisited, 2017)
+    x, y, z = normal
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    one = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x])
+    other = np.stack([b, sign + y * y * a, -y])
+    view = units(
+        np.stack(
+            [
+                -alpha * dot(one, direction),
+                -alpha * dot(other, direction),
+                -dot(normal, direction),
+            ]
+        )
+    )
+    azimuth = 2.0 * np.pi * first
+    height = (1.0 - second) * (1.0 + view[2]) - view[2]
+    radius = np.sqrt(np.maximum(1.0 - height * height, 0.0))
+    x, y, z = (
+        radius * np.cos(azimuth) + view[0],
+        radius * np.sin(azimuth) + view[1],
+        height + view[2],
+    )
+    return units(alpha * x * one + alpha * y * other + np.maximum(z, 0.0) * normal)
+
+
+def facet_shares(pixel, facet, events) -> tuple[Floats, Floats]:
+    """Two numbers between 0 and 1 for a pixel's facet at an event: always the same ones.
+
+    The facets of a pixel are spread evenly (M. Roberts, The Unreasonable Effectiveness of
+    Quasirandom Sequences, 2018), from a place that pixel and event choose.
+    """
+    found = []
+    for axis, step in enumerate((1.0 / PLASTIC, 1.0 / PLASTIC**2)):
+        start = fold(pixel.astype(np.uint64), events.astype(np.int64) * 2 + axis + 1)
+        start = fold(start, np.int64(1))
+        begin = (start >> np.uint64(11)).astype(float) * 2.0**-53
+        found.append((begin + (facet + 0.5) * step) % 1.0)
+    return found[0], found[1]
+
+
+PLASTIC = 1.324717957244746
+"""The real root of x³ = x + 1: its powers spread points most evenly over a square."""
+
+
+def fold(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """The hash of a sequence that goes on with a code (a multiplicative hash, xor-shifted)."""
+    mixed = (path ^ code.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+    return mixed ^ (mixed >> np.uint64(32))

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Arithmetic of many vectors at once, by components: (3, L), the last axis counts them.
+
+Sums of products are written out. BLAS and einsum round the last columns of an array otherwise than
+the first, so that a ray's way would depend on its neighbours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .surfaces import Floats
+
+LEAST = 1e-300
+"""Stands for a square of 0."""
+
+
+def dot(a: Floats, b: Floats) -> Floats:
+    """Inner products (L,) of vectors (3, L)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def rotated(matrix: Floats, vectors: Floats) -> Floats:
+    """The product of a matrix (3, 3) with vectors (3, L)."""
+    found = np.empty(vectors.shape)
+    for row, (a, b, c) in enumerate(matrix):
+        found[row] = a * vectors[0] + b * vectors[1] + c * vectors[2]
+    return found
+
+
+def units(vectors: Floats) -> Floats:
+    """Vectors (3, L) made unit; 0 stays 0."""
+    return vectors / np.sqrt(np.maximum(dot(vectors, vectors), LEAST))
+
+
+def against(normal: Floats, direction: Floats) -> Floats:
+    """The sign (L,) that turns normals (3, L) to the side that rays come from."""
+    return np.where(dot(normal, direction) > 0.0, -1.0, 1.0)
+
+
+def refracted(direction, normal, cosine, behind, eta) -> Floats:
+    """Unit directions (3, L) behind a surface, the normal against `direction`."""
+    return units(eta * direction + (eta * cosine - behind) * normal)
