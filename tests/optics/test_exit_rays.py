@@ -388,7 +388,7 @@ def test_a_caster_of_few_digits_lets_no_light_through_the_table(size):
         with np.errstate(divide="ignore", invalid="ignore"):
             way = -origin[:, 2] / direction[:, 2]
         way = way + 2.0e-7 * size * rng.uniform(-1.0, 1.0, len(way))
-        return np.where(way > 0.0, way, np.inf)
+        return np.where(way > 0.0, way, np.inf), np.where(way > 0.0, 0, -1)
 
     box = np.array([[(-0.5 * size, -0.5 * size, 0.0), (0.5 * size, 0.5 * size, 0.0)]])
     exact = optics.exit_rays([glass], eye, directions, cast=table, min_weight=0.02)
