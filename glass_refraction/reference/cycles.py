@@ -97,6 +97,16 @@ def render_reference(
         return render_picture(reference)
 
 
+def render_direct(scene: bpy.types.Scene) -> np.ndarray:
+    """The scene's current frame without its glasses, by its own engine: (H, W, 4) as above."""
+    hidden = [scene.objects[g.name] for g in read_glasses(scene_depsgraph(scene), [])]
+    with _reference_scene(scene) as direct, ExitStack() as temporary:
+        for obj in hidden:
+            temporary.callback(setattr, obj, "hide_render", obj.hide_render)
+            obj.hide_render = True
+        return render_picture(direct)
+
+
 def _dispersed(scene: bpy.types.Scene, glasses: Sequence[Glass], **settings) -> np.ndarray:
     """Red, green and blue each of a picture with the glasses as such light finds them."""
     pictures = [

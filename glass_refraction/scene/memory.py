@@ -79,6 +79,7 @@ class Memory:
     moments : time -> where the vertices of each copy are then.
     paths : glass and colour -> the paths that are kept.
     caster : of rays, which knows what stands in its target.
+    covered : (height, width) pixels of the last picture that a glass covers, in True shading.
     """
 
     plan: Plan | None = None
@@ -95,6 +96,7 @@ class Memory:
     standing: list[str] = field(default_factory=list)
     """What was wrong when the scene was prepared; a frame's own problems come on top."""
     caster: Caster | None = None
+    covered: np.ndarray | None = None
     status: Status = field(default_factory=Status)
 
 

@@ -43,6 +43,8 @@ ROOM = Room(captures=3, skies=3)
 """Views that the compositor tree has room for."""
 LEAST_CLIP = 1e-4
 """Metres: where a view of the world begins to see."""
+UNCOVERED = 0.5
+"""Part of a pixel beside all glasses from which on it counts as not covered."""
 _STRUCTURE = "refractive_glass_structure"
 
 
@@ -142,7 +144,9 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         ways=result.ways,
         covered=result.covered,
     )
-    memory_of(scene).status = status
+    memory = memory_of(scene)
+    memory.status = status
+    memory.covered = result.beside[..., 0] < UNCOVERED
     return status
 
 
