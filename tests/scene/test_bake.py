@@ -184,7 +184,11 @@ def test_a_part_baked_again_replaces_only_its_frames(tmp_path):
     after = _files(folder)
     for path, data in before.items():
         if path.suffix in {".json", ".exr"} and path.name != "bake.json":
-            assert (after[path] != data) == (path.name == "00002_00000.json"), path
+            if path.name != "00002_00000.json":
+                assert after[path] == data, path
+            elif path.parent.parent.name.startswith("copy_0_0_"):
+                # Copies in the slots that no light path needs stay empty.
+                assert after[path] != data
     # No array is left that no frame names.
     text = "".join(d.decode() for p, d in after.items() if p.parent.name == "meta")
     assert all(p.name in text for p in after if p.suffix == ".blob")
