@@ -427,11 +427,11 @@ def test_what_no_longer_fits_is_said(tmp_path):
     scene, _, _ = _scene(tmp_path)
     _bake()
     scene.render.resolution_x += 8
-    scene.refractive_glass.shading = "DISPLACED"
+    scene.refractive_glass.shading = "TRUE"
     door.prepare(scene, scenes.depsgraph())
     said = " ".join(door.status(scene).problems)
     assert "Baked for 80 x 60" in said
-    assert "Baked for shading True" in said
+    assert "Baked for shading Displaced" in said
     for path in _baked_folder(tmp_path).glob("bake.json"):
         path.unlink()
     door.prepare(scene, scenes.depsgraph())
