@@ -186,7 +186,8 @@ def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     _rendering = False
     if own(scene):
         return
-    if find_own_scenes(scene) and not _own_rendered:
+    composited = scene.render.use_compositing and find_own_scenes(scene)
+    if composited and not _own_rendered:
         door.status(scene).problems.append(LEFT_OUT)
         print(f"Refractive Glass: {LEFT_OUT}")
     if threading.current_thread() is threading.main_thread():

@@ -13,7 +13,8 @@ import pytest
 import scenes
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.build.layers import find_layers, source_of
+from glass_refraction.scene.build.layers import find_layers
+from glass_refraction.scene.build.own_scenes import source_of
 from glass_refraction.scene.read.arrays import positions, read_attribute
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 

@@ -103,6 +103,19 @@ def _evaluate(scene: bpy.types.Scene, receiver: Receiver, view_layer: str = "") 
         raise error
 
 
+@contextmanager
+def _all_layers(own_scene: bpy.types.Scene) -> Iterator[None]:
+    """Evaluate all view layers, also those that are empty in this frame."""
+    unused = [layer for layer in own_scene.view_layers if not layer.use]
+    for layer in unused:
+        layer.use = True
+    try:
+        yield
+    finally:
+        for layer in unused:
+            layer.use = False
+
+
 class Baking:
     """A bake under way: :meth:`step` for each frame, then :meth:`finish`, or :meth:`cancel`.
 
@@ -355,7 +368,8 @@ class Baking:
 
         for own_scene in self._own_scenes:
             own_scene.frame_current = frame
-            _evaluate(own_scene, receive)
+            with _all_layers(own_scene):
+                _evaluate(own_scene, receive)
 
     def _write_geometry(self, time: float, name: str, mesh: bpy.types.Mesh) -> None:
         self._objects[name].write(time, mesh)

@@ -131,7 +131,10 @@ def _make_mask(mask: bpy.types.Scene, glasses: tuple[GlassPlan, ...]) -> None:
     white, black = {}, {}
     for glass in glasses:
         mesh = bpy.data.meshes.new(hidden_name("hull", str(glass.number)))
-        for role, found, colour in (("hull", white, _WHITE), ("shade", black, _BLACK)):
+        looks = [("hull", white, _WHITE)]
+        if len(glasses) > 1:
+            looks.append(("shade", black, _BLACK))
+        for role, found, colour in looks:
             made = found[glass.number] = new_collection(role, mask)
             made[_GLASS] = glass.number
             new_object("hull", mesh, made, role, str(glass.number)).color = colour

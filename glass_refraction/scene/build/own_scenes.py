@@ -133,6 +133,10 @@ def _remove_scene(own_scene: bpy.types.Scene) -> None:
         if not keep:
             match_linked(collection, set())
         bpy.data.collections.remove(collection)
+    # Workbench and EEVEE keep a scene's depsgraph after a compositor rendered it, and Blender walks
+    # through all depsgraphs whenever nodes are linked: it crashed where the scene was freed. This
+    # setting has the engine freed.
+    own_scene.render.use_persistent_data = False
     bpy.data.scenes.remove(own_scene)
 
 
