@@ -103,7 +103,7 @@ def prepare(
             f'The compositor tree of scene "{scene.name}" has no Render Layers node of it: add one'
         )
     if effective_shading(scene) == "TRUE":
-        if memory_of(scene).plan is not None:
+        if find_own_scenes(scene, displaced.ROLES):
             displaced.remove(scene)
         true.prepare(scene)
     else:
@@ -135,6 +135,11 @@ def _check_scene(scene: bpy.types.Scene) -> None:
         raise RefractiveGlassError(
             f'Compositing is off in scene "{scene.name}": switch it on (Output Properties > Post '
             "Processing)"
+        )
+    if scene.render.use_multiview:
+        raise RefractiveGlassError(
+            f'Scene "{scene.name}" renders two eyes, and the glass is computed for one: switch off '
+            "Stereoscopy (Output Properties)"
         )
     if scene.render.use_single_layer:
         raise RefractiveGlassError(

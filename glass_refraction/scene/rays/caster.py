@@ -136,7 +136,10 @@ def _cast_tree(target: bpy.types.Object) -> bpy.types.NodeTree:
     info.inputs["Object"].default_value = target
     # The original mesh keeps its tree of boxes from one cast to the next.
     info.transform_space = "ORIGINAL"
-    direction, number = new("GeometryNodeInputNamedAttribute"), new("GeometryNodeInputNamedAttribute")
+    direction, number = (
+        new("GeometryNodeInputNamedAttribute"),
+        new("GeometryNodeInputNamedAttribute"),
+    )
     direction.data_type, direction.inputs["Name"].default_value = "FLOAT_VECTOR", _DIRECTION
     number.data_type, number.inputs["Name"].default_value = "INT", _FACE
     ray = new("GeometryNodeRaycast")

@@ -97,7 +97,10 @@ def _ball(light: bpy.types.PointLight | bpy.types.SpotLight, to_world: np.ndarra
     a, b = numbers[:-1], numbers[1:]
     c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
     corners = np.concatenate(
-        [np.stack((one, two, three), axis=-1).reshape(-1, 3) for one, two, three in ((a, b, c), (a, c, d))]
+        [
+            np.stack((one, two, three), axis=-1).reshape(-1, 3)
+            for one, two, three in ((a, b, c), (a, c, d))
+        ]
     )
     points = unit.reshape(-1, 3) * radius + to_world[:3, 3]
     radiance = _power(light) / (4.0 * np.pi**2 * radius**2)

@@ -165,9 +165,7 @@ def _read(
     settings = scene.refractive_glass
     glasses = tuple(read_glasses(depsgraph, problems))
     left_out = frozenset(
-        obj.name
-        for obj in scene.objects
-        if obj.type == "MESH" and glass_modifier(obj) is not None
+        obj.name for obj in scene.objects if obj.type == "MESH" and glass_modifier(obj) is not None
     )
     suns = []
     for instance in depsgraph.object_instances:
@@ -219,9 +217,7 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
     _match_views(scene, views)
-    settings = zip(
-        views, result.cameras, result.samples, result.far, result.curtains, strict=True
-    )
+    settings = zip(views, result.cameras, result.samples, result.far, result.curtains, strict=True)
     for view, camera, samples, far, curtain in settings:
         write_setting(view.view_layers[0], "use", camera is not None)
         if camera is not None:
@@ -262,5 +258,3 @@ def _aim_camera(camera: bpy.types.Object, view: RadianceView, far: float) -> Non
     pose[:3, :3] = view.to_camera[:3, :3].T
     pose[:3, 3] = view.eye
     camera.matrix_world = Matrix(pose.tolist())
-
-

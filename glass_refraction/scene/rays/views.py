@@ -74,7 +74,9 @@ class RadianceView:
             ndc = local[:, :2] * (p[0, 0], p[1, 1]) + (p[0, 3], p[1, 3])
         else:
             w = np.where(ahead > 1e-12, ahead, 1.0)
-            ndc = (local[:, :2] * (p[0, 0], p[1, 1]) + local[:, 2:] * (p[0, 2], p[1, 2])) / w[:, None]
+            ndc = (local[:, :2] * (p[0, 0], p[1, 1]) + local[:, 2:] * (p[0, 2], p[1, 2])) / w[
+                :, None
+            ]
         found = (0.5 * ndc + 0.5) * self.size
         x0, y0, x1, y1 = self.region
         # The outermost half pixel has nothing to be interpolated with.
