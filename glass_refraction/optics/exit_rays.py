@@ -161,6 +161,7 @@ class _Followed:
     things: Floats | None
     accuracy: float | None
     pixel: NDArray[np.int64]
+    sample: NDArray[np.int64]
     media: Media = field(init=False)
     meshes: list[int] = field(init=False)
     alpha: Floats = field(init=False)
@@ -460,7 +461,9 @@ class _Followed:
         live.weight[fresh] /= FACETS
         some = np.flatnonzero(rough[rows])
         normal, flat = crossing.normal[:, some], crossing.flat[:, some]
-        places = facet_shares(self.pixel[live.ray[some]], live.facet[some], live.events[some])
+        ray = live.ray[some]
+        number = self.sample[ray] * FACETS + live.facet[some]
+        places = facet_shares(self.pixel[ray], number, live.events[some])
         facet = visible_facets(normal, live.direction[:, some], alpha[rows[some]], *places)
         facet = bent(facet, flat, live.direction[:, some], crossing.eta[some])
         crossing.normal = crossing.normal.copy()
@@ -631,13 +634,11 @@ def _interface_code(glass, interface) -> NDArray[np.int64]:
     return (glass.astype(np.int64) * STAMPS + interface) * 2 + 1
 
 
-def _pixels(pixel: ArrayLike | None, total: int) -> NDArray[np.int64]:
-    if pixel is None:
-        return np.arange(total)
-    pixels = np.asarray(pixel)
-    if pixels.shape != (total,) or pixels.dtype.kind not in "iu":
-        raise ValueError(f"pixel must be {total} integers, not {pixels.dtype} {pixels.shape}")
-    return pixels.astype(np.int64)
+def _integers(name: str, value: ArrayLike, total: int) -> NDArray[np.int64]:
+    numbers = np.asarray(value)
+    if numbers.shape != (total,) or numbers.dtype.kind not in "iu":
+        raise ValueError(f"{name} must be {total} integers, not {numbers.dtype} {numbers.shape}")
+    return numbers.astype(np.int64)
 
 
 def exit_rays(
@@ -653,6 +654,7 @@ def exit_rays(
     fresnel: bool = True,
     accuracy: float | None = None,
     pixel: ArrayLike | None = None,
+    sample: ArrayLike | None = None,
 ) -> ExitRays:
     """Follow rays through glasses along all ways that carry enough of the light.
 
@@ -685,9 +687,10 @@ def exit_rays(
     accuracy
         Metres by which distances of `cast` may be off; a thing touches an interface within twice
         that too. None: `GRAIN` of the longest side of a box in `things`, or 0 without.
-    pixel : (M,) int, optional
-        What chooses the facets of rough glasses: the same numbers, the same facets, whatever moves.
-        None: the rays' own numbers.
+    pixel, sample : (M,) int, optional
+        Choose the facets of rough glasses: the same numbers, the same facets, whatever moves. The
+        rays of one pixel, numbered by `sample`, have facets that are spread evenly. None: every ray
+        is a pixel of its own.
 
     Raises
     ------
@@ -714,7 +717,8 @@ def exit_rays(
         fresnel,
         boxes,
         accuracy,
-        _pixels(pixel, total),
+        _integers("pixel", np.arange(total) if pixel is None else pixel, total),
+        _integers("sample", np.zeros(total, int) if sample is None else sample, total),
     )
     lost = np.where(fit, 0.0, 1.0)
     live = followed.start(origins, unit, proper)

@@ -299,6 +299,21 @@ def test_few_facets_stand_for_many(monkeypatch):
     assert many.std() < 0.5 * few.std()
 
 
+def test_samples_of_a_pixel_share_its_facets_evenly():
+    """Sixteen rays of a pixel that know each other see it with less noise than strangers."""
+    pixels, samples = 60, 16
+    count = pixels * samples
+    along = np.tile(unit(np.array([(0.3, 0.1, -1.0)])), (count, 1))
+    pixel, sample = np.divmod(np.arange(count), samples)
+    noise = []
+    for numbers in ({"pixel": pixel, "sample": sample}, {}):
+        ends = optics.exit_rays([pane(0.3)], (-0.09, -0.03, 0.3), along, **numbers)
+        aside = ends.weight * (ends.direction[:, 0] > along[0, 0])
+        light = np.bincount(ends.ray, aside, count)
+        noise.append(light.reshape(pixels, samples).mean(axis=1).std())
+    assert noise[0] < 0.75 * noise[1]
+
+
 def test_roughness_and_pixels_that_are_none():
     with pytest.raises(ValueError, match="roughness must be"):
         pane(1.5)
@@ -306,3 +321,5 @@ def test_roughness_and_pixels_that_are_none():
         optics.PlacedMesh(1.5, roughness=float("nan"))
     with pytest.raises(ValueError, match="pixel must be"):
         optics.exit_rays([pane(0.1)], (0, 0, 1), [(0, 0, -1)], pixel=[0.5])
+    with pytest.raises(ValueError, match="sample must be"):
+        optics.exit_rays([pane(0.1)], (0, 0, 1), [(0, 0, -1)], sample=[1, 2])
