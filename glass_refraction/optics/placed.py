@@ -62,9 +62,12 @@ class PlacedGlass:
 
     def __post_init__(self) -> None:
         pose = np.array(self.pose, dtype=float)
-        turn = pose[:3, :3] if pose.shape == (4, 4) else None
-        if turn is None or not np.allclose(turn @ turn.T, np.eye(3), atol=RIGID):
+        turn = pose[:3, :3]
+        if pose.shape != (4, 4) or not np.allclose(turn @ turn.T, np.eye(3), atol=RIGID):
             raise ValueError(f"pose must be a rigid (4, 4) matrix, not {self.pose!r}")
+        # Blender's matrices are of float32: the nearest one that is rigid to the last digit.
+        left, _, right = np.linalg.svd(turn)
+        pose[:3, :3] = left @ right
         object.__setattr__(self, "pose", pose)
         object.__setattr__(self, "roughness", _roughness(self.roughness))
 
@@ -145,7 +148,7 @@ class PlacedMesh:
         return None if self.absorption is None else np.array([(0.0, 0.0, 0.0), self.absorption])
 
 
-RIGID = 1e-6
+RIGID = 1e-5
 """How far the columns of a pose may be from perpendicular unit vectors."""
 
 ROUNDING = 1e-12

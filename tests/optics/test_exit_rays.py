@@ -618,10 +618,21 @@ def test_no_glass_no_rays_and_rays_that_are_none():
     np.testing.assert_array_equal(ends.lost, [1.0, 1.0, 0.0])
 
 
+def test_poses_of_float32_are_made_rigid():
+    rng = np.random.default_rng(19)
+    pose = random_pose(rng, 1.0)
+    placed = optics.PlacedGlass(BODIES["ball"], pose.astype(np.float32))
+    turn = placed.pose[:3, :3]
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(placed.pose, pose, atol=1e-6)
+
+
 def test_bad_input_is_named():
     body = BODIES["ball"]
     with pytest.raises(ValueError, match="pose must be a rigid"):
         optics.PlacedGlass(body, 2.0 * np.eye(4))
+    with pytest.raises(ValueError, match="pose must be a rigid"):
+        optics.PlacedGlass(body, np.eye(3))
     with pytest.raises(ValueError, match="absorption must be"):
         optics.exit_rays(
             [optics.PlacedGlass(body, np.eye(4), np.zeros((1, 3)))], (0, 0, 1), [(0, 0, 1)]

@@ -81,7 +81,7 @@ def test_a_box_as_a_mesh_is_the_slab_with_its_sides():
 @pytest.mark.parametrize("shape", ["rod", "ball"])
 def test_a_mesh_is_nearer_to_the_round_glass_the_finer_it_is(shape):
     rng = np.random.default_rng(2)
-    count = 250
+    count = 150
     if shape == "rod":
         body = optics.body(optics.CylinderGlass((0.04,), (1.5,), extent=(0.0, 0.1)))
     else:
@@ -91,7 +91,7 @@ def test_a_mesh_is_nearer_to_the_round_glass_the_finer_it_is(shape):
     closed = optics.PlacedGlass(body, np.eye(4), np.array([0 * tint, tint]))
     expected = seen(optics.exit_rays([closed], eye, directions, min_weight=0.02), count)
     off, asked = [], []
-    for fine in (12, 24, 48):
+    for fine in (10, 20, 40):
         mesh = meshes.rod(0.04, 0.0, 0.1, 2 * fine) if shape == "rod" else meshes.ball(0.04, fine)
         meet = meshes.Caster([(0, mesh)])
         ends = optics.exit_rays(
@@ -101,7 +101,7 @@ def test_a_mesh_is_nearer_to_the_round_glass_the_finer_it_is(shape):
         off.append(np.median(np.abs(seen(ends, count) - expected)))
         asked.append(meet.rays)
     # Chords lie off the arc by a quarter where there are twice as many.
-    assert off[1] < 0.5 * off[0] and off[2] < 0.5 * off[1] and off[2] < 2e-3
+    assert off[1] < 0.5 * off[0] and off[2] < 0.5 * off[1] and off[2] < 4e-3
     # What is asked for grows with rays and bounces, not with triangles.
     assert max(asked) < 1.3 * min(asked)
 
