@@ -10,6 +10,7 @@ import pytest
 
 from glass_refraction import optics
 from glass_refraction.optics import solver
+from glass_refraction.optics.bodies import Ball
 from glass_refraction.optics.exit_rays import _interface_code
 from glass_refraction.optics.facets import fold
 
@@ -288,6 +289,34 @@ def test_water_that_overlaps_or_touches_its_cup_fills_it(overlap):
     for glasses in (parts, parts[::-1]):
         found = optics.exit_rays(glasses, eye, directions, min_weight=0.02, most_events=30)
         same_rays(found, expected, eye, atol=1e-6, weight=1e-7)
+
+
+def test_water_in_a_closed_hollow_ball_fills_it():
+    rng = np.random.default_rng(20)
+    pose = moved(0.2, 0.0, 0.1)
+    full = optics.PlacedGlass(optics.body(optics.SphereGlass((0.05, 0.047), (1.5, 1.333))), pose)
+    eye, directions = rays_at(rng, full.body.box + pose[:3, 3], 300)
+    expected = optics.exit_rays([full], eye, directions, min_weight=0.02)
+    shell = optics.body(optics.SphereGlass((0.05, 0.047), (1.5, 1.0)))
+    for radius in (0.047, 0.0485):
+        water = optics.body(optics.SphereGlass((radius,), (1.333,)))
+        glasses = [optics.PlacedGlass(water, pose), optics.PlacedGlass(shell, pose, None, 1)]
+        found = optics.exit_rays(glasses, eye, directions, min_weight=0.02)
+        same_rays(found, expected, eye, atol=1e-7, weight=1e-7)
+
+
+def test_a_bubble_of_higher_priority_is_a_hole():
+    rng = np.random.default_rng(21)
+    hollow = optics.PlacedGlass(
+        optics.body(optics.SphereGlass((0.05, 0.02), (1.5, 1.0))), np.eye(4)
+    )
+    eye, directions = rays_at(rng, hollow.body.box, 300)
+    expected = optics.exit_rays([hollow], eye, directions, min_weight=0.02)
+    ball = optics.PlacedGlass(optics.body(optics.SphereGlass((0.05,), (1.5,))), np.eye(4))
+    bubble = optics.PlacedGlass(Ball(optics.SphereGlass((0.02,), (1.0,))), np.eye(4), None, 1)
+    for glasses in ([ball, bubble], [bubble, ball]):
+        found = optics.exit_rays(glasses, eye, directions, min_weight=0.02)
+        same_rays(found, expected, eye)
 
 
 def test_thin_gaps_are_gaps():
