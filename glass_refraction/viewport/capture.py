@@ -10,6 +10,7 @@ are drawn again when the scene changes, and stay as they are when only the eye m
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from itertools import product
 
 import bpy
@@ -28,8 +29,10 @@ NEAR = 0.02
 """Of the glass's reach: what is nearer to the capture's centre is not drawn."""
 FAR = 100.0
 """Least distance drawn, in reaches of the glass."""
-PLACES = (0.5, 0.25, 0.75)
-"""Parts of a glass's box at which a capture's centre may lie: the middle first."""
+PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Parts of a glass's box at which a capture's centre may lie."""
+MIDDLE = 0.5
+"""How much nearer to a thing a centre may lie for being nearer to the middle."""
 
 _drawing = False
 
@@ -76,7 +79,7 @@ class Captures:
             for k, centre in enumerate(self.centres)
         ]
 
-    def arrange(self, glasses: list[Posed], shading: tuple, boxes: list[np.ndarray]) -> None:
+    def arrange(self, glasses: list[Posed], shading: tuple, boxes: list[Box]) -> None:
         """See that every glass has a capture; what has changed is drawn anew later."""
         side = SIDES.get(shading[0], SIDES["SOLID"])
         glasses = glasses[:CAPTURES]
@@ -91,10 +94,19 @@ class Captures:
         """The scene or its looks changed."""
         self._stale = set(product(range(len(self.centres)), range(FACES)))
 
-    def draw(self, frame: Frame, glasses: list[Posed], view_3d: tuple) -> None:
-        """Draw the next face. `view_3d`: scene, view layer, space and region that it is drawn as.
+    def draw(
+        self,
+        frame: Frame,
+        glasses: list[Posed],
+        view_3d: tuple,
+        turned: np.ndarray | None = None,
+    ) -> None:
+        """Draw the next face. From a timer only.
 
-        From a timer only.
+        Parameters
+        ----------
+        view_3d : scene, view layer, space and region that it is drawn as.
+        turned : (3, 3) from the world to the camera that brings its light, if one does.
         """
         global _drawing
         number, face = min(self._stale)
@@ -109,19 +121,32 @@ class Captures:
         reach = glasses[number].reach()
         near, far = NEAR * reach, max(FAR * reach, space.clip_end)
         began = time.perf_counter()
+        # The light of Solid shading comes with the camera. So the camera stands as the view's, and
+        # only its projection is turned: things are lit as they are beside the glass.
+        turn = np.eye(4)
+        if turned is not None:
+            turn[:3, :3] = turned
+        stand = np.eye(4)
+        stand[:3, 3] = -centre
+        away = face_view(face, np.zeros(3)) @ turn.T
+        overlays = space.overlay.show_overlays
         _drawing = True
         try:
+            if overlays:
+                space.overlay.show_overlays = False
             self._face.draw_view3d(
                 scene,
                 layer,
                 space,
                 region,
-                Matrix(face_view(face, centre)),
-                Matrix(face_projection(near, far)),
+                Matrix(turn @ stand),
+                Matrix(face_projection(near, far) @ away),
                 do_color_management=False,
                 draw_background=False,
             )
         finally:
+            if overlays:
+                space.overlay.show_overlays = True
             _drawing = False
         depth = gpu.types.Buffer("FLOAT", (side, side))
         with self._face.bind():
@@ -148,9 +173,8 @@ class Captures:
             shader.uniform_sampler("depth_tx", texture)
             shader.uniform_float("range", (near, far))
             shader.uniform_int("origin", (x, y))
-            shader.uniform_int("side", side)
             shader.uniform_float("box", (*low, *high))
-            _quad(shader).draw(shader)
+            _quad().draw(shader)
 
 
 def axes(face: int) -> np.ndarray:
@@ -177,40 +201,49 @@ def face_projection(near: float, far: float) -> np.ndarray:
     return matrix
 
 
-def centre_of(glass: Posed, boxes: list[np.ndarray]) -> np.ndarray:
-    """(3,) the place in a glass that is farthest from all things; its middle, if that is free.
-
-    Parameters
-    ----------
-    boxes : (4, 4) each: from the world to a frame in which a thing's box is the unit cube.
-    """
+def centre_of(glass: Posed, boxes: list[Box]) -> np.ndarray:
+    """(3,) the place in a glass that is far from all things, and near the middle where it may."""
     low, high = glass.body.box
-    best, room = None, -np.inf
-    for x, y, z in product(PLACES, repeat=3):
-        local = low + (high - low) * (x, y, z)
-        place = glass.to_world[:3, :3] @ local + glass.to_world[:3, 3]
-        free = np.inf
-        for box in boxes:
-            inside = box[:3, :3] @ place + box[:3, 3]
-            free = min(free, float(np.abs(inside - 0.5).max()) - 0.5)
-        if free > 0.0 and best is None:
-            return place
-        if free > room:
-            best, room = place, free
-    return best
+    parts = np.array(list(product(PLACES, repeat=3)))
+    places = (low + (high - low) * parts) @ glass.to_world[:3, :3].T + glass.to_world[:3, 3]
+    room = np.full(len(places), glass.reach())
+    for box in boxes:
+        room = np.minimum(room, box.distance(places))
+    away = np.linalg.norm(places - glass.middle(), axis=1)
+    return places[int(np.argmax(room - MIDDLE * away))]
 
 
-def unit_boxes(objects: list[bpy.types.Object], depsgraph) -> list[np.ndarray]:
-    """(4, 4) each: from the world to a frame in which an object's bounding box is the unit cube."""
+@dataclass(frozen=True)
+class Box:
+    """A thing's bounding box. to_box: (4, 4) world to its frame, metres there. half: (3,) sizes."""
+
+    to_box: np.ndarray
+    half: np.ndarray
+
+    def distance(self, places: np.ndarray) -> np.ndarray:
+        """Metres (N,) from world places (N, 3) to the box; below 0 inside."""
+        local = np.abs(places @ self.to_box[:3, :3].T + self.to_box[:3, 3]) - self.half
+        outside = np.linalg.norm(np.maximum(local, 0.0), axis=1)
+        return outside + np.minimum(local.max(axis=1), 0.0)
+
+    def corners(self) -> np.ndarray:
+        """(8, 3) in the world."""
+        local = np.array(list(product((-1.0, 1.0), repeat=3))) * self.half
+        return np.linalg.solve(self.to_box[:3, :3], (local - self.to_box[:3, 3]).T).T
+
+
+def boxes_of(objects: list[bpy.types.Object], depsgraph) -> list[Box]:
+    """The bounding boxes of objects as they are evaluated."""
     found = []
     for obj in objects:
         evaluated = obj.evaluated_get(depsgraph)
         corners = np.array(evaluated.bound_box, float)
         low, high = corners.min(axis=0), corners.max(axis=0)
-        size = np.maximum(high - low, 1e-9)
-        to_unit = np.diag([*(1.0 / size), 1.0])
-        to_unit[:3, 3] = -low / size
         matrix = np.array(evaluated.matrix_world, float)
-        if np.linalg.det(matrix[:3, :3]) != 0.0:
-            found.append(to_unit @ np.linalg.inv(matrix))
+        size = np.linalg.norm(matrix[:3, :3], axis=0)
+        if not (np.isfinite(matrix).all() and np.linalg.det(matrix[:3, :3])):
+            continue
+        to_box = np.diag([*size, 1.0]) @ np.linalg.inv(matrix)
+        to_box[:3, 3] -= size * 0.5 * (low + high)
+        found.append(Box(to_box, 0.5 * size * (high - low)))
     return found

@@ -65,7 +65,8 @@ HOOKS = """
 void leave(vec3 p, vec3 d, vec4 light, int g, int number);
 void lose(vec4 light);
 bool covered(vec3 p);
-bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way, int number);
+bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
+             int number);
 bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number);
 """
 
@@ -394,13 +395,15 @@ vec3 to_common(int g, vec3 p)
 vec3 turn_in(int g, vec3 d)
 {
   int r = 1 + GLASS_ROWS * g;
-  return row(r + 8).x * vec3(dot(row(r + 2).xyz, d), dot(row(r + 3).xyz, d), dot(row(r + 4).xyz, d));
+  vec3 turned = vec3(dot(row(r + 2).xyz, d), dot(row(r + 3).xyz, d), dot(row(r + 4).xyz, d));
+  return row(r + 8).x * turned;
 }
 
 vec3 turn_out(int g, vec3 d)
 {
   int r = 1 + GLASS_ROWS * g;
-  return vec3(dot(row(r + 5).xyz, d), dot(row(r + 6).xyz, d), dot(row(r + 7).xyz, d)) / row(r + 8).x;
+  vec3 turned = vec3(dot(row(r + 5).xyz, d), dot(row(r + 6).xyz, d), dot(row(r + 7).xyz, d));
+  return turned / row(r + 8).x;
 }
 
 vec4 medium_row(int g, int m) { return row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m); }
@@ -604,11 +607,15 @@ LOOKUP = """
 #define TILE 8
 #define DIRECT_STEPS 80
 #define CAPTURE_STEPS 40
-#define HALVINGS 6
+#define HALVINGS 5
+/* Ratio of depths of neighbouring pixels below which one surface goes on. */
+#define GOES_ON 1.15
 /* How thick a thing is taken to be of which a view shows the front alone, in common units. */
-#define THICK 0.2
+#define THICK 0.06
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.02
+/* Part of the depth by which a surface comes nearer within a pixel; more is another's edge. */
+#define EDGE 0.02
 /* Where a thing is nearer to a face than this, in common units, it touches it. */
 #define TOUCHING 0.03
 /* How much nearer than the glass a thing must be to cover it, in common units. */
@@ -617,19 +624,10 @@ LOOKUP = """
 vec4 sum = vec4(0.0);
 float got = 0.0;
 
-float depth_of(float value)
-{
-  if (value >= 1.0) {
-    return FAR_OFF;
-  }
-  vec4 k = view.depth_line;
-  return (k.x + k.y * value) / (k.z + k.w * value);
-}
-
 float depth_at(ivec2 pixel)
 {
   ivec2 last = ivec2(view.size.xy) - 1;
-  return depth_of(texelFetch(depth_tx, clamp(pixel, ivec2(0), last), 0).r);
+  return texelFetch(depth_tx, clamp(pixel, ivec2(0), last), 0).r;
 }
 
 vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
@@ -644,13 +642,40 @@ vec3 face_of(vec3 d, float side)
   return vec3((0.5 * at + 0.5) * side, float(2 * axis + (turn < 0.0 ? 1 : 0)));
 }
 
-/* Colour, and distance from the capture's centre in common units (FAR_OFF: nothing is there). */
+/* Colour, and depth along the face's axis in common units (FAR_OFF: nothing is there). */
 vec4 capture_texel(int slot, vec3 d)
 {
   float side = view.captures[slot].w;
   vec3 at = face_of(d, side);
   ivec2 pixel = clamp(ivec2(at.xy), ivec2(0), ivec2(int(side) - 1));
   return texelFetch(capture_tx, pixel + ivec2(int(at.z) * int(side), slot * int(side)), 0);
+}
+
+/* How far a place lies behind what the capture shows in its direction. */
+float capture_gap(int slot, vec3 p)
+{
+  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - abs(capture_texel(slot, p).a);
+}
+
+/* The same, where a surface goes on from pixel to pixel: of a plane 1 / depth is linear there. */
+float smooth_gap(int slot, vec3 p)
+{
+  float side = view.captures[slot].w;
+  vec3 at = face_of(p, side);
+  vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
+  vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
+  ivec2 corner = ivec2(low) + ivec2(int(at.z) * int(side), slot * int(side));
+  vec4 near = 1.0 / abs(vec4(texelFetch(capture_tx, corner, 0).a,
+                             texelFetch(capture_tx, corner + ivec2(1, 0), 0).a,
+                             texelFetch(capture_tx, corner + ivec2(0, 1), 0).a,
+                             texelFetch(capture_tx, corner + ivec2(1, 1), 0).a));
+  float most = max(max(near.x, near.y), max(near.z, near.w));
+  float least_ = min(min(near.x, near.y), min(near.z, near.w));
+  vec2 pair = t.x < 0.5 ? near.xz : near.yw;
+  float nearest = t.y < 0.5 ? pair.x : pair.y;
+  float mixed = mix(mix(near.x, near.y, t.x), mix(near.z, near.w, t.x), t.y);
+  float shown = 1.0 / max(most < GOES_ON * least_ ? mixed : nearest, 1e-19);
+  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
 }
 
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
@@ -722,7 +747,8 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
   float by_pixel = min(1.0 / pixels, 1.0);
   vec2 per = 1.0 / max(abs(span), vec2(1e-6));
   float u = 0.0;
-  float before = z0 + low * z1 - depth_at(ivec2(a));
+  float shown_before = depth_at(ivec2(a));
+  float before = z0 + low * z1 - shown_before;
   float z_before = z0 + low * z1;
   bool behind = before > NEARER;
   float u_before = 0.0;
@@ -745,23 +771,31 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       u = next;
       u_before = u;
       z_before = z;
-      before = -1e-6;
+      shown_before = -1.0;
       continue;
     }
     if (behind && min(z, z_before) > range.y) {
       u = next;
       u_before = u;
       z_before = z;
+      shown_before = -1.0;
       continue;
+    }
+    if (shown_before < 0.0) {
+      shown_before = depth_at(ivec2(pixel));
+      before = z_before - shown_before;
     }
     next = min(1.0, u + by_pixel);
     t = ((1.0 - next) * low * two.w + next * high * one.w) /
         ((1.0 - next) * two.w + next * one.w);
     z = z0 + t * z1;
     pixel = a + next * span;
-    float gap = z - depth_at(ivec2(pixel));
+    float shown = depth_at(ivec2(pixel));
+    float gap = z - shown;
     if (!behind && gap > 0.0) {
-      if (gap < THICK + 2.0 * abs(z - z_before)) {
+      /* One surface goes on from pixel to pixel; behind an edge the ray may pass. */
+      bool goes_on = shown_before - shown < EDGE * shown + abs(z - z_before);
+      if (goes_on || gap < THICK) {
         float part = clamp(before < 0.0 ? -before / (gap - before) : 0.0, 0.0, 1.0);
         float found = mix(u_before, next, part);
         at = a + found * span;
@@ -779,6 +813,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
     u_before = u;
     before = min(gap, -1e-9);
     z_before = z;
+    shown_before = shown;
   }
   hidden = true;
   return false;
@@ -796,36 +831,33 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
   float texel = 2.0 / capture.w;
   int count = clamp(int((high - low) / (1.5 * texel)) + 4, 4, CAPTURE_STEPS);
   float before = 0.0;
-  bool behind = length(q) > abs(capture_texel(slot, q).a) * (1.0 + THICK_PART);
+  bool behind = capture_gap(slot, q) > THICK_PART * length(q);
   at = vec3(0.0);
   for (int k = 1; k <= count; k++) {
-    /* Steps that end at the reach exactly, and are dense where the ray begins. */
     float angle = mix(low, high, float(k) / float(count));
-    float t = foot + apart * tan(min(angle, 1.5707));
+    float t = k == count ? min(reach, view.size.w) : foot + apart * tan(min(angle, 1.5707));
     vec3 p = q + t * d;
-    float gap = length(p) - abs(capture_texel(slot, p).a);
+    float gap = capture_gap(slot, p);
     if (!behind && gap > 0.0) {
       float near = before, far = t;
       for (int n = 0; n < HALVINGS; n++) {
-        float middle = 0.5 * (near + far);
-        vec3 r = q + middle * d;
-        if (length(r) > abs(capture_texel(slot, r).a)) {
+        float angle_ = 0.5 * (atan(near - foot, apart) + atan(far - foot, apart));
+        float middle = foot + apart * tan(angle_);
+        if (smooth_gap(slot, q + middle * d) > 0.0) {
           far = middle;
         }
         else {
           near = middle;
         }
       }
-      /* Along one pixel of the capture the meeting is a closed form. */
-      float shown = abs(capture_texel(slot, q + far * d).a);
-      float half_ = sqrt(max(shown * shown - apart * apart, 0.0));
-      float exact = foot + (far > foot ? half_ : -half_);
-      far = clamp(exact, before, t);
-      p = q + far * d;
-      gap = length(p) - abs(capture_texel(slot, p).a);
-      if (gap < THICK + THICK_PART * shown) {
+      /* Along one pixel depths are linear: the place between both where the gap ends. */
+      float gap_near = smooth_gap(slot, q + near * d);
+      float gap_far = smooth_gap(slot, q + far * d);
+      float part = gap_far > gap_near ? clamp(-gap_near / (gap_far - gap_near), 0.0, 1.0) : 1.0;
+      way = mix(near, far, part);
+      p = q + way * d;
+      if (abs(smooth_gap(slot, p)) < THICK + THICK_PART * length(p)) {
         at = p;
-        way = far;
         return true;
       }
       behind = true;
@@ -870,7 +902,7 @@ bool seen(vec3 o, vec3 d, float reach, int slot, out vec4 colour, out float way)
   return found;
 }
 
-/* What a ray shows of which no view shows where it ends: the world, or the nearest that is known. */
+/* What a ray shows of which no view shows the end: the world, or the nearest that is known. */
 vec4 beyond(vec3 o, vec3 d, int slot)
 {
   vec4 clip = view.to_clip * vec4(o + view.size.w * d, 1.0);
@@ -919,7 +951,8 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 
 void lose(vec4 light) {}
 
-bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way, int number)
+bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
+             int number)
 {
   if (g >= 0 && (outside ? same : true) && row(1 + GLASS_ROWS * g).w < 0.5) {
     return false;
@@ -963,7 +996,7 @@ bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number)
   int slot = capture_of(g);
   if (slot >= 0) {
     vec3 away = at - view.captures[slot].xyz;
-    if (abs(length(away) - abs(capture_texel(slot, away).a)) < near) {
+    if (abs(smooth_gap(slot, away)) < near) {
       add(capture_colour(slot, away), light);
       return true;
     }
@@ -973,7 +1006,7 @@ bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number)
 """
 
 MAIN = """
-/* One sample of every pixel: the colour that is seen through the glass, and whether there is any. */
+/* One sample of every pixel: the colour seen through the glass, and whether there is any. */
 void main()
 {
   vec2 pixel = (gl_FragCoord.xy + jitter.xy) * jitter.z;
@@ -1006,6 +1039,44 @@ void main()
 """
 
 PICTURE = HOOKS + SMOOTH + FOLLOW + LOOKUP + MAIN
+
+EXITS = (
+    HOOKS
+    + FOLLOW
+    + """
+/* For tests: the exit ray of the way number `wanted` of the ray in each pixel. */
+vec4 exit_place = vec4(0.0);
+vec4 exit_along = vec4(0.0);
+
+void leave(vec3 p, vec3 d, vec4 light, int g, int number)
+{
+  if (number == wanted) {
+    exit_place = vec4(p, light.w);
+    exit_along.xyz = d;
+  }
+  exit_along.w += 1.0;
+}
+
+void lose(vec4 light) {}
+bool covered(vec3 p) { return false; }
+bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
+             int number)
+{
+  return false;
+}
+bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number) { return false; }
+
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
+  vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
+  follow(p, d, -1, 0, least, most, true);
+  place = exit_place;
+  along = exit_along;
+}
+"""
+)
 
 QUAD_VERTEX = """
 void main()
@@ -1041,6 +1112,29 @@ void main()
 }
 """
 
+# The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
+# pixels wide, as their lines are, gets the depth of what lies on both sides of it.
+DEPTH = """
+#define FAR_OFF 1e20
+#define LINE 2
+
+float value_at(ivec2 pixel)
+{
+  return texelFetch(raw_tx, clamp(pixel, ivec2(0), textureSize(raw_tx, 0) - 1), 0).r;
+}
+
+void main()
+{
+  ivec2 p = ivec2(gl_FragCoord.xy);
+  float value = value_at(p);
+  float across = min(value_at(p - ivec2(LINE, 0)), value_at(p + ivec2(LINE, 0)));
+  float along = min(value_at(p - ivec2(0, LINE)), value_at(p + ivec2(0, LINE)));
+  value = max(value, max(across, along));
+  float depth = (line.x + line.y * value) / (line.z + line.w * value);
+  frag = vec4(value >= 1.0 ? FAR_OFF : depth);
+}
+"""
+
 # Takes a face of a capture, as the engine drew it, into the atlas of all captures.
 FACE = """
 void main()
@@ -1048,9 +1142,7 @@ void main()
   ivec2 pixel = ivec2(gl_FragCoord.xy) - origin;
   vec4 colour = texelFetch(face_tx, pixel, 0);
   float value = texelFetch(depth_tx, pixel, 0).r;
-  vec2 across = 2.0 * (vec2(pixel) + 0.5) / float(side) - 1.0;
   float depth = range.x * range.y / (range.y - value * (range.y - range.x));
-  float away = depth * length(vec3(across, 1.0));
-  frag = vec4(colour.rgb, value < 1.0 ? away : (colour.a > 0.5 ? 1e20 : -1e20));
+  frag = vec4(colour.rgb, value < 1.0 ? depth : (colour.a > 0.5 ? 1e20 : -1e20));
 }
 """

@@ -12,7 +12,7 @@ from ..scene.glasses import as_body, glass_objects, read_glass
 from ..scene.names import RefractiveGlassError
 from ..scene.sources import source_objects
 from ..scene.viewpoint import Viewpoint
-from .capture import unit_boxes
+from .capture import Box, boxes_of
 from .description import Frame, Posed, TooMuch, common_frame, pack
 from .eye import CAPTURES
 
@@ -28,7 +28,7 @@ class Model:
     Attributes
     ----------
     key : what it was read from. enabled : the scene's setting, None before the first look.
-    glasses, frame, block : see :mod:`description`. boxes : see `capture.unit_boxes`.
+    glasses, frame, block : see :mod:`description`. boxes : see `capture.boxes_of`.
     within : the glass that the eye is in, -1 for none, and the medium there.
     problems : one line for each glass that is left out.
     """
@@ -39,7 +39,7 @@ class Model:
         self.glasses: list[Posed] = []
         self.frame: Frame | None = None
         self.block: np.ndarray | None = None
-        self.boxes: list[np.ndarray] = []
+        self.boxes: list[Box] = []
         self.within = (-1, 0)
         self.problems: list[str] = []
 
@@ -52,7 +52,7 @@ class Model:
             return obj.visible_get(view_layer=layer, viewport=space)
 
         things = [obj for obj in source_objects(layer) if visible(obj)]
-        self.boxes = unit_boxes(things, depsgraph)
+        self.boxes = boxes_of(things, depsgraph)
         found = []
         for obj in glass_objects(layer):
             if not visible(obj):
@@ -106,14 +106,11 @@ class Model:
                 self.glasses.pop()
 
 
-def _reaches_in(box: np.ndarray, glass: Posed) -> bool:
+def _reaches_in(box: Box, glass: Posed) -> bool:
     """Whether a thing's box may reach into a glass."""
     low, high = glass.body.box
     skin = WITHIN * (high - low)
-    unit = np.array(np.meshgrid(*[(0.0, 1.0)] * 3, indexing="ij")).reshape(3, -1).T
-    from_unit = np.linalg.inv(box)
-    world = unit @ from_unit[:3, :3].T + from_unit[:3, 3]
-    local = (world - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]
+    local = (box.corners() - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]
     return bool(
         np.all(local.min(axis=0) < high - skin) and np.all(local.max(axis=0) > low + skin)
     )

@@ -18,7 +18,7 @@ import numpy as np
 from ..scene.viewpoint import Viewpoint
 from . import glsl
 from .description import Frame, Posed
-from .eye import depths, pack_view
+from .eye import depth_line, depths, pack_view
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -51,6 +51,7 @@ class Direct:
         self.has_depth = False
         self.stamp: np.ndarray | None = None
         self._buffers: tuple = ()
+        self._target = None
 
     def read(self, framebuffer, view: Viewpoint, unit: float) -> bool:
         """Take the view's picture over; whether it differs from the last one."""
@@ -65,7 +66,7 @@ class Direct:
         framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT", data=colour)
         framebuffer.read_depth(0, 0, width, height, data=depth)
         self.colour = gpu.types.GPUTexture(view.size, format="RGBA16F", data=colour)
-        self.depth = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
+        self._linear(view, unit, gpu.types.GPUTexture(view.size, format="R32F", data=depth))
         values = np.asarray(depth)
         tiles = _tiles(values, view, unit)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
@@ -79,6 +80,24 @@ class Direct:
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
         return not same
+
+
+    def _linear(self, view: Viewpoint, unit: float, raw) -> None:
+        """Fill the texture of depths along the view from the depth buffer's values."""
+        if self.depth is None or (self.depth.width, self.depth.height) != view.size:
+            self.depth = gpu.types.GPUTexture(view.size, format="R32F")
+            self._target = gpu.types.GPUFrameBuffer(color_slots=[self.depth])
+        shader = _shader("depth")
+        a, b, c, d = depth_line(view)
+        with self._target.bind():
+            gpu.state.viewport_set(0, 0, *view.size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("raw_tx", raw)
+            shader.uniform_float("line", (a, b, c * unit, d * unit))
+            shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
+            _quad().draw(shader)
 
 
 def _tiles(values: np.ndarray, view: Viewpoint, unit: float) -> np.ndarray:
@@ -133,7 +152,7 @@ class Painter:
         return int(0.25 * area * width * height)
 
     def begin(self, divisor: int) -> None:
-        """Start the picture anew, with a sample for ``divisor`` × ``divisor`` pixels of the view."""
+        """Start the picture anew, with a sample for ``divisor``² pixels of the view."""
         width, height = self._view.size
         size = -(-width // divisor), -(-height // divisor)
         if self._size != size:
@@ -167,7 +186,7 @@ class Painter:
             shader.uniform_int("has_depth", int(self.direct.has_depth))
             for rect in self._rects:
                 shader.uniform_float("box", rect)
-                _quad(shader).draw(shader)
+                _quad().draw(shader)
             gpu.state.blend_set("NONE")
         self.samples += 1
         self.ways = way.most
@@ -211,7 +230,7 @@ class Painter:
         shader.uniform_float("divisor", float(self.divisor))
         for rect in self._rects:
             shader.uniform_float("box", rect)
-            _quad(shader).draw(shader)
+            _quad().draw(shader)
         gpu.state.blend_set("NONE")
 
 
@@ -256,12 +275,57 @@ def _overlap(a, b) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
+def exit_rays(block: np.ndarray, origins: np.ndarray, directions: np.ndarray, least: float, ways):
+    """Exit rays as the shader finds them, for tests; needs a GPU context.
+
+    Parameters
+    ----------
+    block : see `description.pack`. origins, directions : (rows, columns, 3), common frame.
+    ways : how many to return of each ray.
+
+    Returns
+    -------
+    places, alongs : (ways, rows, columns, 4): origin and part of the light; direction and number of
+        ways that the ray has.
+    """
+    rows, columns, _ = origins.shape
+    size = (columns, rows)
+    inputs = []
+    for values in (origins, directions):
+        filled = np.ones((rows, columns, 4), np.float32)
+        filled[..., :3] = values
+        data = gpu.types.Buffer("FLOAT", filled.shape, filled)
+        inputs.append(gpu.types.GPUTexture(size, format="RGBA32F", data=data))
+    outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2)]
+    target = gpu.types.GPUFrameBuffer(color_slots=outputs)
+    shader, glasses = _shader("exits"), _uniform(block)
+    found = np.zeros((2, ways, rows, columns, 4), np.float32)
+    for wanted in range(ways):
+        with target.bind():
+            gpu.state.viewport_set(0, 0, *size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_block("glasses", glasses)
+            shader.uniform_sampler("origin_tx", inputs[0])
+            shader.uniform_sampler("along_tx", inputs[1])
+            shader.uniform_float("least", least)
+            shader.uniform_int("most", ways)
+            shader.uniform_int("wanted", wanted)
+            shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
+            _quad().draw(shader)
+            for slot in range(2):
+                data = target.read_color(0, 0, columns, rows, 4, slot, "FLOAT")
+                found[slot, wanted] = np.asarray(data).reshape(rows, columns, 4)
+    return found[0], found[1]
+
+
 def _uniform(block: np.ndarray):
     block = np.ascontiguousarray(block, np.float32).ravel()
     return gpu.types.GPUUniformBuf(gpu.types.Buffer("FLOAT", len(block), block))
 
 
-def _quad(shader):
+def _quad():
     if "quad" not in _shaders:
         layout = gpu.types.GPUVertFormat()
         layout.attr_add(id="corner", comp_type="F32", len=2, fetch_mode="FLOAT")
@@ -289,7 +353,8 @@ DESCRIPTIONS = {
             ("INT", "has_depth"),
         ],
         "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx"],
-        "blocks": True,
+        "glasses": True,
+        "view": True,
         "outputs": ["color", "cover"],
         "fragment": glsl.PICTURE,
     },
@@ -305,12 +370,24 @@ DESCRIPTIONS = {
         "outputs": ["frag"],
         "fragment": glsl.RESULT,
     },
+    "exits": {
+        "constants": [("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
+        "samplers": ["origin_tx", "along_tx"],
+        "glasses": True,
+        "outputs": ["place", "along"],
+        "fragment": glsl.EXITS,
+    },
+    "depth": {
+        "constants": [("VEC4", "box"), ("VEC4", "line")],
+        "samplers": ["raw_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.DEPTH,
+    },
     "face": {
         "constants": [
             ("VEC4", "box"),
             ("VEC2", "range"),
             ("IVEC2", "origin"),
-            ("INT", "side"),
         ],
         "samplers": ["face_tx", "depth_tx"],
         "outputs": ["frag"],
@@ -319,15 +396,17 @@ DESCRIPTIONS = {
 }
 
 
-def compiled(*, constants, samplers, outputs, fragment: str, blocks: bool = False):
+def compiled(*, constants, samplers, outputs, fragment: str, glasses=False, view=False):
     """A shader that draws quads: ``box`` is (x0, y0, x1, y1) of what it covers, -1 to 1."""
     info = gpu.types.GPUShaderCreateInfo()
     info.vertex_in(0, "VEC2", "corner")
     for kind, name in constants:
         info.push_constant(kind, name)
-    if blocks:
+    if glasses or view:
         info.typedef_source(glsl.BLOCKS)
+    if glasses:
         info.uniform_buf(0, "Glasses", "glasses")
+    if view:
         info.uniform_buf(1, "View", "view")
     for slot, name in enumerate(samplers):
         info.sampler(slot, "FLOAT_2D", name)

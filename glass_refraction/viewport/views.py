@@ -63,6 +63,8 @@ class _View:
         self.failure = ""
         self.problems: list[str] = []
         self.stamp: tuple = ()
+        self.eye = None
+        self.turned = b""
         self.changed = 0.0
         self.began = 0.0
         self.final = self.waits = False
@@ -236,6 +238,11 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         captures.outdate()
     if not model.glasses:
         return
+    turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
+    if turned != view.turned:
+        captures.outdate()
+        view.turned = turned
+    view.eye = eye
     python += time.perf_counter()
     view.waits = False
     changed = painter.direct.read(view.framebuffer, eye, model.frame.unit)
@@ -303,6 +310,13 @@ def _jitter(number: int) -> tuple[float, float]:
             k //= base
         found.append(value - 0.5)
     return found[0], found[1]
+
+
+def light_comes_along(shading: bpy.types.View3DShading) -> bool:
+    """Whether things are lit from where the eye is, so that its turn changes their colours."""
+    if shading.type != "SOLID" or shading.light == "FLAT":
+        return False
+    return shading.light == "MATCAP" or not shading.use_world_space_lighting
 
 
 _LOOKS = (
@@ -414,7 +428,8 @@ def _work(view: _View, window, space, region) -> None:
             view.waits, view.changed = True, time.perf_counter()
             return
         view_3d = scene, window.view_layer, space, region
-        captures.draw(view.model.frame, view.model.glasses, view_3d)
+        turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
+        captures.draw(view.model.frame, view.model.glasses, view_3d, turned)
         counters["faces"] += 1
         if not captures.left:
             view.waits = True
