@@ -38,8 +38,8 @@ CUBIC_ROWS = 2
 BUNCH = 8
 """Chords of a profile that share a box, which rays are tested against first."""
 
-LEAST_CHORD = 1e-6
-"""Height of a chord, in units of the glass, that stands for a level one's 0: the shader divides."""
+LEAST_SLOPE = 1e-5
+"""Rise of a chord by its length that stands for a level one's 0: the shader divides by it."""
 
 ENDLESS, HOLLOW = 1, 2
 """Flags of a medium: rays that meet nothing in it have left; things may stand in it."""
@@ -270,10 +270,12 @@ def _finite(height: float) -> float:
 def _chords(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     """Bunches (2 rows each: heights, radius, first chord; how many) and chords (2 rows each)."""
     r0, z0, dr, dz, t0, dt = profile.chords
-    dz = np.where(np.abs(dz) < LEAST_CHORD, np.copysign(LEAST_CHORD, dz), dz)
+    length = np.hypot(dr, dz)
+    along = dz / length
+    along = np.where(np.abs(along) < LEAST_SLOPE, np.copysign(LEAST_SLOPE, along), along)
     chords = np.zeros((CHORD_ROWS * len(r0), 4))
-    chords[0::2] = np.stack((r0, z0, dr, dz), axis=-1)
-    chords[1::2, :2] = np.stack((t0, dt), axis=-1)
+    chords[0::2] = np.stack((r0, z0, dr / length, along), axis=-1)
+    chords[1::2, :3] = np.stack((t0, dt, length), axis=-1)
     bunches = []
     for first in range(0, len(r0), BUNCH):
         part = slice(first, first + BUNCH)

@@ -83,6 +83,11 @@ FOLLOW = (
 #define PLAIN 6.0
 /* Steps of Newton's method from a chord to the curve itself. */
 #define NEWTON_STEPS 4
+/* Meetings with chords that are tried until one is a meeting with the curve. */
+#define CHORD_TRIES 3
+/* By how much the square of a miss, in units of the glass, may be one because chords lie beside
+ * the curve. */
+#define SAG_SLACK 4e-4
 
 vec4 row(int k) { return glasses.rows[k]; }
 
@@ -137,30 +142,34 @@ vec4 on_curve(int cubics, int count, float t)
               (3.0 * z.w * s + 2.0 * z.z) * s + z.y);
 }
 
-/* The nearest chord of a profile that a ray meets: (way, t of the curve). */
-vec2 meet_chords(int at, vec3 o, vec3 d, bool back, vec4 limits)
+/* The nearest chord of a profile that a ray meets after `from`: (way, t of the curve). Chords are
+ * taken a little longer than they are, and a little wider than the ray needs to meet them: the
+ * curve lies beside them, and `refine` decides. */
+vec2 meet_chords(int at, vec3 o, vec3 d, bool back, float from)
 {
   vec4 where_ = row(at + 2);
   int bunches = int(where_.y);
   float p2 = dot(d.xy, d.xy);
   float outward = dot(o.xy, d.xy);
   float ell = o.x * d.y - o.y * d.x;
+  float ell2 = ell * ell;
   float size2 = dot(o.xy, o.xy);
-  float nearest2 = outward < 0.0 ? ell * ell / max(p2, 1e-30) : size2;
+  float nearest2 = outward < 0.0 ? ell2 / max(p2, 1e-30) : size2;
   vec2 found = vec2(NOWHERE, 0.0);
   for (int b = 0; b < bunches; b++) {
     vec4 box = row(int(where_.x) + 2 * b);
     /* The ray's part within the cylinder round the bunch, and its heights there. */
-    if (nearest2 > box.z * box.z * 1.0001 + 1e-9) {
+    float wide2 = box.z * box.z + SAG_SLACK;
+    if (nearest2 > wide2) {
       continue;
     }
-    float root = sqrt(max(p2 * box.z * box.z * 1.0001 + 1e-9 - ell * ell, 0.0));
+    float root = sqrt(max(p2 * wide2 - ell2, 0.0));
     float enters = p2 > 1e-12 ? max((-outward - root) / p2, 0.0) : 0.0;
     float leaves = p2 > 1e-12 ? (root - outward) / p2 : 1e6;
     float one = o.z + enters * d.z;
     float two = o.z + leaves * d.z;
-    if (leaves < 0.0 || enters > found.x || min(one, two) > box.y + 1e-5 ||
-        max(one, two) < box.x - 1e-5) {
+    if (leaves < from || enters > found.x || min(one, two) > box.y + SAG_SLACK ||
+        max(one, two) < box.x - SAG_SLACK) {
       continue;
     }
     int count = int(row(int(where_.x) + 2 * b + 1).x);
@@ -170,33 +179,34 @@ vec2 meet_chords(int at, vec3 o, vec3 d, bool back, vec4 limits)
       float r0 = f.x, z0 = f.y, dr = f.z, dz = f.w;
       float rise = r0 * dz + dr * (o.z - z0);
       float slope = dr * d.z;
+      vec2 side = rise * d.xy - slope * o.xy;
+      float square = dot(side, side) - dz * dz * ell2;
+      if (square < -SAG_SLACK) {
+        continue;
+      }
       float a = dz * dz * p2 - slope * slope;
       float h = dz * dz * outward - slope * rise;
       float k = dz * dz * size2 - rise * rise;
-      vec2 side = rise * d.xy - slope * o.xy;
-      float square = dot(side, side) - dz * dz * ell * ell;
-      if (square < 0.0) {
-        continue;
-      }
-      float root2 = abs(dz) * sqrt(square);
+      bool touches_ = square <= 0.0;
+      float root2 = abs(dz) * sqrt(max(square, 0.0));
       float q = -(h + (h < 0.0 ? -root2 : root2));
+      vec4 s = row(chord + 1);
       for (int n = 0; n < 2; n++) {
         float below = n == 0 ? a : q;
         float way = (n == 0 ? q : k) / (below == 0.0 ? 1e-30 : below);
-        if (way >= found.x || way < -1e-5) {
+        if (way >= found.x || way < from) {
           continue;
         }
         vec3 p = o + way * d;
         float size = length(p.xy);
-        float along = ((size - r0) * dr + (p.z - z0) * dz) / (dr * dr + dz * dz);
+        float along = (size - r0) * dr + (p.z - z0) * dz;
         float across = (size - r0) * dz - (p.z - z0) * dr;
         float towards = dz * dot(p.xy, d.xy) - dr * d.z * size;
-        if (along < -1e-4 || along > 1.0001 || (back ? towards <= 0.0 : towards >= 0.0) ||
-            abs(across) > 1e-5 * (1.0 + abs(way))) {
+        if (along < -0.05 * s.z || along > 1.05 * s.z || abs(across) > 0.05 ||
+            (!touches_ && (back ? towards <= 0.0 : towards >= 0.0))) {
           continue;
         }
-        vec4 s = row(chord + 1);
-        found = vec2(way, s.x + s.y * clamp(along, 0.0, 1.0));
+        found = vec2(way, s.x + s.y * clamp(along / s.z, 0.0, 1.0));
       }
     }
   }
@@ -312,17 +322,22 @@ int next_interface(int g, int m, vec3 o, vec3 d, float reach, out float way, out
       t = meet_round(s.x, dot(o, o), dot(o, d), 1.0, s.x * s.x - dot(turn, turn), back);
     }
     else {
-      vec2 found = meet_chords(at, o, d, back, s);
-      if (found.x < way + 1e-3) {
-        t = found.x;
+      float from = -SKIN;
+      for (int n = 0; n < CHORD_TRIES; n++) {
+        vec2 found = meet_chords(at, o, d, back, from);
+        if (found.x >= way + 1e-3) {
+          break;
+        }
+        float exact = found.x;
         mark = found.y;
-        if (refine(at, o, d, back, t, mark)) {
-          float z = o.z + t * d.z;
-          t = (s.z > 0.5 ? z > s.x : z >= s.x) && z <= s.y ? max(t, 0.0) : NOWHERE;
+        if (refine(at, o, d, back, exact, mark)) {
+          float z = o.z + exact * d.z;
+          if ((s.z > 0.5 ? z > s.x : z >= s.x) && z <= s.y) {
+            t = max(exact, 0.0);
+            break;
+          }
         }
-        else {
-          t = NOWHERE;
-        }
+        from = found.x + 1e-4;
       }
     }
     if (t < way) {
@@ -462,9 +477,11 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
         float size = row(9 + GLASS_ROWS * k).x;
         int outer = k == g ? m : int(row(9 + GLASS_ROWS * k).z);
         float t, mark;
-        int found = next_interface(k, outer, q, v, way / size, t, mark);
+        /* From where it enters the ball: numbers stay small there. */
+        float enter = max(ahead - sqrt(reach * reach - dot(off, off)), 0.0);
+        int found = next_interface(k, outer, q + enter * v, v, way / size - enter, t, mark);
         if (found >= 0) {
-          way = t * size;
+          way = (t + enter) * size;
           spot = mark;
           met = found;
           hit = k;

@@ -15,9 +15,9 @@ import numpy as np
 
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
-ROWS, COLUMNS = 250, 400
+ROWS, COLUMNS = 50, 400
 LEAST = 0.01
-WAYS = 16
+WAYS = 24
 
 STAR = [(np.cos(a) * r, np.sin(a) * r) for a, r in zip(np.arange(10) * 0.2 * np.pi, [1, 0.5] * 5)]
 
