@@ -57,11 +57,17 @@ class Captures:
         self._key: tuple = ()
 
     @property
-    def texture(self):
-        """The atlas; a single black pixel while there is none."""
+    def textures(self) -> tuple:
+        """Colours and depths of all faces; of a single pixel while there are none."""
         if self._atlas is None:
-            self._atlas = gpu.types.GPUOffScreen(1, 1, format="RGBA32F")
-        return self._atlas.texture_color
+            self._make_atlas(1, 1)
+        return self._atlas[:2]
+
+    def _make_atlas(self, width: int, height: int) -> None:
+        colour = gpu.types.GPUTexture((width, height), format="RGBA16F")
+        depth = gpu.types.GPUTexture((width, height), format="R32F")
+        target = gpu.types.GPUFrameBuffer(color_slots=[colour, depth])
+        self._atlas = (colour, depth, target)
 
     @property
     def left(self) -> int:
@@ -114,9 +120,7 @@ class Captures:
         side, centre = self.side, self.centres[number]
         if self._face is None:
             self._face = gpu.types.GPUOffScreen(side, side, format="RGBA16F")
-            self._atlas = gpu.types.GPUOffScreen(
-                FACES * side, len(self.centres) * side, format="RGBA32F"
-            )
+            self._make_atlas(FACES * side, len(self.centres) * side)
         scene, layer, space, region = view_3d
         reach = glasses[number].reach()
         near, far = NEAR * reach, max(FAR * reach, space.clip_end)
@@ -164,7 +168,7 @@ class Captures:
         x, y = face * side, number * side
         low = 2.0 * x / width - 1.0, 2.0 * y / height - 1.0
         high = 2.0 * (x + side) / width - 1.0, 2.0 * (y + side) / height - 1.0
-        with self._atlas.bind():
+        with self._atlas[2].bind():
             gpu.state.viewport_set(0, 0, width, height)
             gpu.state.depth_test_set("NONE")
             gpu.state.blend_set("NONE")

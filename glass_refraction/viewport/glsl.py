@@ -78,7 +78,7 @@ FOLLOW = (
  * beyond its end a meeting may lie: rounding. */
 #define SKIN 2e-6
 #define PENDING 8
-#define MOST_STRETCHES 80
+#define MOST_STRETCHES 120
 /* Events of a way for which the least weight holds as it is; longer ways must carry more. */
 #define PLAIN 6.0
 /* Steps of Newton's method from a chord to the curve itself. */
@@ -202,7 +202,7 @@ vec2 meet_chords(int at, vec3 o, vec3 d, bool back, float from)
         float along = (size - r0) * dr + (p.z - z0) * dz;
         float across = (size - r0) * dz - (p.z - z0) * dr;
         float towards = dz * dot(p.xy, d.xy) - dr * d.z * size;
-        if (along < -0.05 * s.z || along > 1.05 * s.z || abs(across) > 0.05 ||
+        if (along < -0.05 * s.z || along > 1.05 * s.z || abs(across) > 1e-3 ||
             (!touches_ && (back ? towards <= 0.0 : towards >= 0.0))) {
           continue;
         }
@@ -376,6 +376,7 @@ vec3 normal_at(int at, float spot, inout vec3 p)
   float size = length(p.xy);
   vec2 axis = size > 1e-12 ? p.xy / size : vec2(1.0, 0.0);
   vec2 n = vec2(c.w, -c.z) / max(length(c.zw), 1e-20);
+  p = vec3(c.x * axis, c.y);
   return vec3(n.x * axis, n.y);
 }
 
@@ -622,8 +623,12 @@ vec4 smooth_at(sampler2D tx, vec2 pixel)
 LOOKUP = """
 #define FAR_OFF 1e19
 #define TILE 8
+/* Pixels from look to look where a tile does not tell. */
+#define STRIDE 2.0
 #define DIRECT_STEPS 80
-#define CAPTURE_STEPS 40
+#define CAPTURE_STEPS 32
+/* Angle between steps, in pixels of a face (which is two wide at a distance of one). */
+#define CAPTURE_STRIDE 5.0
 #define HALVINGS 5
 /* Ratio of depths of neighbouring pixels below which one surface goes on. */
 #define GOES_ON 1.15
@@ -653,25 +658,29 @@ vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
 vec3 face_of(vec3 d, float side)
 {
   vec3 a = abs(d);
-  int axis = a.x >= a.y && a.x >= a.z ? 0 : (a.y >= a.z ? 1 : 2);
-  float turn = d[axis] < 0.0 ? -1.0 : 1.0;
-  vec2 at = vec2(d[(axis + 1) % 3], -turn * d[(axis + 2) % 3]) / a[axis];
-  return vec3((0.5 * at + 0.5) * side, float(2 * axis + (turn < 0.0 ? 1 : 0)));
+  bool is_x = a.x >= a.y && a.x >= a.z;
+  bool is_y = !is_x && a.y >= a.z;
+  vec3 r = is_x ? d.yzx : (is_y ? d.zxy : d);
+  float turn = r.z < 0.0 ? -1.0 : 1.0;
+  vec2 at = vec2(r.x, -turn * r.y) / abs(r.z);
+  float axis = is_x ? 0.0 : (is_y ? 2.0 : 4.0);
+  return vec3((0.5 * at + 0.5) * side, turn < 0.0 ? axis + 1.0 : axis);
 }
 
-/* Colour, and depth along the face's axis in common units (FAR_OFF: nothing is there). */
-vec4 capture_texel(int slot, vec3 d)
+ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
 {
-  float side = view.captures[slot].w;
-  vec3 at = face_of(d, side);
-  ivec2 pixel = clamp(ivec2(at.xy), ivec2(0), ivec2(int(side) - 1));
-  return texelFetch(capture_tx, pixel + ivec2(int(at.z) * int(side), slot * int(side)), 0);
+  ivec2 pixel = clamp(ivec2(in_face), ivec2(0), ivec2(int(side) - 1));
+  return pixel + ivec2(int(at.z), slot) * int(side);
 }
 
-/* How far a place lies behind what the capture shows in its direction. */
+/* How far a place lies behind what the capture shows in its direction, along the face's axis.
+ * Depths of less than 0 and more than FAR_OFF: nothing is there. */
 float capture_gap(int slot, vec3 p)
 {
-  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - abs(capture_texel(slot, p).a);
+  float side = view.captures[slot].w;
+  vec3 at = face_of(p, side);
+  float shown = abs(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
+  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
 }
 
 /* The same, where a surface goes on from pixel to pixel: of a plane 1 / depth is linear there. */
@@ -681,11 +690,11 @@ float smooth_gap(int slot, vec3 p)
   vec3 at = face_of(p, side);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
-  ivec2 corner = ivec2(low) + ivec2(int(at.z) * int(side), slot * int(side));
-  vec4 near = 1.0 / abs(vec4(texelFetch(capture_tx, corner, 0).a,
-                             texelFetch(capture_tx, corner + ivec2(1, 0), 0).a,
-                             texelFetch(capture_tx, corner + ivec2(0, 1), 0).a,
-                             texelFetch(capture_tx, corner + ivec2(1, 1), 0).a));
+  ivec2 corner = atlas_pixel(slot, at, low, side);
+  vec4 near = 1.0 / abs(vec4(texelFetch(reach_tx, corner, 0).r,
+                             texelFetch(reach_tx, corner + ivec2(1, 0), 0).r,
+                             texelFetch(reach_tx, corner + ivec2(0, 1), 0).r,
+                             texelFetch(reach_tx, corner + ivec2(1, 1), 0).r));
   float most = max(max(near.x, near.y), max(near.z, near.w));
   float least_ = min(min(near.x, near.y), min(near.z, near.w));
   vec2 pair = t.x < 0.5 ? near.xz : near.yw;
@@ -704,19 +713,22 @@ vec4 capture_colour(int slot, vec3 d)
   vec3 at = face_of(d, side);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
-  ivec2 corner = ivec2(low) + ivec2(int(at.z) * int(side), slot * int(side));
-  vec4 nearest = texelFetch(capture_tx, corner + ivec2(round(t)), 0);
+  ivec2 corner = atlas_pixel(slot, at, low, side);
+  ivec2 middle = corner + ivec2(round(t));
+  float depth = texelFetch(reach_tx, middle, 0).r;
   vec4 mixed = vec4(0.0);
   for (int k = 0; k < 4; k++) {
     ivec2 step_ = ivec2(k & 1, k >> 1);
-    vec4 texel = texelFetch(capture_tx, corner + step_, 0);
+    float other = texelFetch(reach_tx, corner + step_, 0).r;
     vec2 part = mix(1.0 - t, t, vec2(step_));
-    bool same = is_there(texel.a) == is_there(nearest.a) &&
-                (!is_there(texel.a) || abs(texel.a - nearest.a) < 0.1 * nearest.a);
-    mixed += same ? part.x * part.y * vec4(texel.rgb, 1.0) : vec4(0.0);
+    bool same = is_there(other) == is_there(depth) &&
+                (!is_there(other) || abs(other - depth) < 0.1 * depth);
+    if (same) {
+      mixed += part.x * part.y * vec4(texelFetch(capture_tx, corner + step_, 0).rgb, 1.0);
+    }
   }
-  vec3 colour = mixed.a > 0.0 ? mixed.rgb / mixed.a : nearest.rgb;
-  return vec4(colour, nearest.a <= -FAR_OFF ? 0.0 : 1.0);
+  vec3 colour = mixed.a > 0.0 ? mixed.rgb / mixed.a : texelFetch(capture_tx, middle, 0).rgb;
+  return vec4(colour, depth <= -FAR_OFF ? 0.0 : 1.0);
 }
 
 /* The part of a ray that the view can show: false if there is none. */
@@ -754,7 +766,8 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
     hidden = true;
     return false;
   }
-  hidden = low > 0.0 || high < min(reach, view.size.w);
+  hidden = low > 0.0;
+  bool leaves = high < min(reach, view.size.w);
   vec4 one = begin + low * step_;
   vec4 two = begin + high * step_;
   vec2 a = (0.5 * one.xy / one.w + 0.5) * view.size.xy;
@@ -772,6 +785,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
   hidden = hidden || behind;
   for (int k = 0; k < DIRECT_STEPS; k++) {
     if (u >= 1.0) {
+      hidden = hidden || leaves;
       return false;
     }
     /* Over the whole tile, if all it shows is behind the ray or in front of it. */
@@ -801,8 +815,16 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
     if (shown_before < 0.0) {
       shown_before = depth_at(ivec2(pixel));
       before = z_before - shown_before;
+      if (!behind && before > THICK) {
+        /* An edge lies just at the tile's: the ray passes behind it. */
+        behind = true;
+        hidden = true;
+      }
+      else if (before <= 0.0) {
+        behind = false;
+      }
     }
-    next = min(1.0, u + by_pixel);
+    next = min(1.0, u + STRIDE * by_pixel);
     t = ((1.0 - next) * low * two.w + next * high * one.w) /
         ((1.0 - next) * two.w + next * one.w);
     z = z0 + t * z1;
@@ -842,24 +864,31 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
   vec4 capture = view.captures[slot];
   vec3 q = o - capture.xyz;
   float foot = -dot(q, d);
-  float apart = max(length(q + foot * d), 1e-5);
+  vec3 nearest = q + foot * d;
+  float apart = length(nearest);
+  vec3 n = apart > 1e-5 ? nearest / apart : normalize(cross(d, vec3(d.y, d.z, -d.x)));
+  apart = max(apart, 1e-5);
+  float last = min(reach, view.size.w);
+  /* At an angle a the ray is at apart / cos(a) · (cos(a) n + sin(a) d). */
   float low = atan(-foot, apart);
-  float high = atan(min(reach, view.size.w) - foot, apart);
-  float texel = 2.0 / capture.w;
-  int count = clamp(int((high - low) / (1.5 * texel)) + 4, 4, CAPTURE_STEPS);
+  float high = atan(last - foot, apart);
+  int count = clamp(int((high - low) * capture.w / CAPTURE_STRIDE) + 3, 3, CAPTURE_STEPS);
+  vec2 turn = vec2(cos((high - low) / float(count)), sin((high - low) / float(count)));
+  vec2 angle = vec2(cos(low), sin(low));
   float before = 0.0;
   bool behind = capture_gap(slot, q) > THICK_PART * length(q);
   at = vec3(0.0);
+  way = reach;
   for (int k = 1; k <= count; k++) {
-    float angle = mix(low, high, float(k) / float(count));
-    float t = k == count ? min(reach, view.size.w) : foot + apart * tan(min(angle, 1.5707));
-    vec3 p = q + t * d;
-    float gap = capture_gap(slot, p);
+    angle = vec2(angle.x * turn.x - angle.y * turn.y, angle.x * turn.y + angle.y * turn.x);
+    float t = k == count ? last : foot + apart * angle.y / max(angle.x, 1e-9);
+    float gap = capture_gap(slot, q + t * d);
     if (!behind && gap > 0.0) {
       float near = before, far = t;
-      for (int n = 0; n < HALVINGS; n++) {
-        float angle_ = 0.5 * (atan(near - foot, apart) + atan(far - foot, apart));
-        float middle = foot + apart * tan(angle_);
+      for (int n_ = 0; n_ < HALVINGS; n_++) {
+        /* Half the angle between both: the sum of their directions. */
+        vec2 sum_ = normalize(vec2(apart, near - foot)) + normalize(vec2(apart, far - foot));
+        float middle = foot + apart * sum_.y / max(sum_.x, 1e-9);
         if (smooth_gap(slot, q + middle * d) > 0.0) {
           far = middle;
         }
@@ -872,9 +901,8 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
       float gap_far = smooth_gap(slot, q + far * d);
       float part = gap_far > gap_near ? clamp(-gap_near / (gap_far - gap_near), 0.0, 1.0) : 1.0;
       way = mix(near, far, part);
-      p = q + way * d;
-      if (abs(smooth_gap(slot, p)) < THICK + THICK_PART * length(p)) {
-        at = p;
+      at = q + way * d;
+      if (abs(smooth_gap(slot, at)) < THICK + THICK_PART * length(at)) {
         return true;
       }
       behind = true;
@@ -1160,6 +1188,7 @@ void main()
   vec4 colour = texelFetch(face_tx, pixel, 0);
   float value = texelFetch(depth_tx, pixel, 0).r;
   float depth = range.x * range.y / (range.y - value * (range.y - range.x));
-  frag = vec4(colour.rgb, value < 1.0 ? depth : (colour.a > 0.5 ? 1e20 : -1e20));
+  color = colour;
+  reach = vec4(value < 1.0 ? depth : (colour.a > 0.5 ? 1e20 : -1e20));
 }
 """

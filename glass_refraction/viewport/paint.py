@@ -127,6 +127,7 @@ class Painter:
         self._view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
+        self._strips: list[tuple[float, float, float, float]] = []
 
     def describe(
         self,
@@ -151,6 +152,11 @@ class Painter:
         area = sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in self._rects)
         return int(0.25 * area * width * height)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether no sample is half drawn."""
+        return not self._strips
+
     def begin(self, divisor: int) -> None:
         """Start the picture anew, with a sample for ``divisor``² pixels of the view."""
         width, height = self._view.size
@@ -159,12 +165,31 @@ class Painter:
             self._size = size
             textures = [gpu.types.GPUTexture(size, format="RGBA16F") for _ in range(2)]
             self._targets = (*textures, gpu.types.GPUFrameBuffer(color_slots=textures))
-        self.divisor, self.samples = divisor, 0
+        self.divisor, self.samples, self._strips = divisor, 0, []
         with self._targets[2].bind():
             self._targets[2].clear(color=(0.0, 0.0, 0.0, 0.0))
 
-    def sample(self, jitter: tuple[float, float], way: Way, capture) -> None:
-        """Add one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle."""
+    def sample(
+        self, jitter: tuple[float, float], way: Way, captures: tuple, pixels: int | None = None
+    ) -> int:
+        """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
+
+        Parameters
+        ----------
+        captures : the textures of all captures, see `capture.Captures.textures`.
+        pixels : about how many to draw now; the next call goes on. None: all.
+
+        Returns
+        -------
+        int
+            About how many were drawn.
+        """
+        if not self._strips:
+            self._strips = self._cut(pixels)
+        strips, self._strips = (self._strips, []) if pixels is None else (
+            self._strips[:1],
+            self._strips[1:],
+        )
         shader = _shader("picture")
         width, height = self._size
         with self._targets[2].bind():
@@ -178,18 +203,45 @@ class Painter:
             shader.uniform_sampler("direct_tx", self.direct.colour)
             shader.uniform_sampler("depth_tx", self.direct.depth)
             shader.uniform_sampler("tile_tx", self.direct.tiles)
-            shader.uniform_sampler("capture_tx", capture)
+            shader.uniform_sampler("capture_tx", captures[0])
+            shader.uniform_sampler("reach_tx", captures[1])
             shader.uniform_float("jitter", (*jitter, float(self.divisor), 0.0))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
             shader.uniform_int("splits", int(way.splits))
             shader.uniform_int("has_depth", int(self.direct.has_depth))
-            for rect in self._rects:
+            for rect in strips:
                 shader.uniform_float("box", rect)
                 _quad().draw(shader)
             gpu.state.blend_set("NONE")
-        self.samples += 1
-        self.ways = way.most
+        if not self._strips:
+            self.samples += 1
+            self.ways = way.most
+        return int(sum(self._area(rect) for rect in strips))
+
+    def _area(self, rect) -> float:
+        """Samples of a rectangle."""
+        x0, y0, x1, y1 = rect
+        return 0.25 * (x1 - x0) * (y1 - y0) * self._size[0] * self._size[1]
+
+    def _cut(self, pixels: int | None) -> list[tuple[float, float, float, float]]:
+        """The rectangles that can show a glass, cut into strips of about so many pixels."""
+        if pixels is None:
+            return list(self._rects)
+        strips = []
+        height = self._size[1]
+        for rect in self._rects:
+            x0, y0, x1, y1 = rect
+            count = max(1, int(np.ceil(self._area(rect) / max(1, pixels))))
+            # Edges between rows of samples: each is drawn once.
+            rows = np.round(0.5 * (np.linspace(y0, y1, count + 1) + 1.0) * height)
+            edges = 2.0 * rows / height - 1.0
+            strips += [
+                (x0, float(low), x1, float(high))
+                for low, high in zip(edges[:-1], edges[1:], strict=True)
+                if high > low
+            ]
+        return strips
 
     def wait(self) -> float:
         """Seconds until the GPU has done what was asked of it."""
@@ -352,7 +404,7 @@ DESCRIPTIONS = {
             ("INT", "splits"),
             ("INT", "has_depth"),
         ],
-        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx"],
+        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"],
         "glasses": True,
         "view": True,
         "outputs": ["color", "cover"],
@@ -390,7 +442,7 @@ DESCRIPTIONS = {
             ("IVEC2", "origin"),
         ],
         "samplers": ["face_tx", "depth_tx"],
-        "outputs": ["frag"],
+        "outputs": ["color", "reach"],
         "fragment": glsl.FACE,
     },
 }

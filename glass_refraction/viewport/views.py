@@ -40,6 +40,9 @@ SHARE_OF_REDRAW = 0.8
 """A moving picture may take this part of the time that the view's redraw takes without it."""
 MOST_PIXELS = 6
 """A side, of which a moving picture has one sample at least."""
+LEAST_PIXELS = 2000
+"""Of a slice of a sample: fewer tell nothing of the speed."""
+LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
 EDGES = "Edges in Viewport"
@@ -69,6 +72,7 @@ class _View:
         self.began = 0.0
         self.final = self.waits = False
         """All samples are there; a redraw is due before more can be added."""
+        self.gpu_seconds = 0.0
         self.speed = 0.0
         """Samples a second, as measured."""
         self.plain_seconds = 0.1
@@ -247,6 +251,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.waits = False
     changed = painter.direct.read(view.framebuffer, eye, model.frame.unit)
     view.plain_seconds = time.perf_counter() - view.began
+    view.gpu_seconds = 0.0
     python -= time.perf_counter()
     settings = scene.refractive_glass
     stamp = (key, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
@@ -261,7 +266,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         _sample(view, settings, WAYS_MOVING)
         _ask_for_rest()
     painter.show(view.framebuffer, _backdrop(context))
-    python += time.perf_counter()
+    python += time.perf_counter() - view.gpu_seconds
     view.python_ms = 1e3 * python
     counters["milliseconds"] += view.python_ms
 
@@ -282,21 +287,23 @@ def _divisor(view: _View) -> int:
     return int(np.clip(np.ceil(np.sqrt(view.painter.pixels / affordable)), 1, MOST_PIXELS))
 
 
-def _sample(view: _View, settings, ways: int) -> None:
-    """One more sample a pixel; how fast is measured."""
+def _sample(view: _View, settings, ways: int, seconds: float | None = None) -> None:
+    """One more sample a pixel, or as much of it as these seconds allow; how fast is measured."""
     from .paint import Way
 
     painter = view.painter
     way = Way(settings.min_weight, ways, settings.surface == "GLASS")
+    jitter = _jitter(painter.samples) if painter.samples else (0.0, 0.0)
+    pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.speed))
     began = time.perf_counter()
-    first = painter.samples == 0
-    jitter = (0.0, 0.0) if first else _jitter(painter.samples)
-    painter.sample(jitter, way, view.captures.texture)
-    counters["traces"] += 1
+    drawn = painter.sample(jitter, way, view.captures.textures, pixels)
     painter.wait()
-    seconds = max(time.perf_counter() - began, 1e-5)
-    speed = painter.pixels / painter.divisor**2 / seconds
-    view.speed = speed if view.speed == 0.0 else 0.7 * view.speed + 0.3 * speed
+    spent = max(time.perf_counter() - began, LEAST_SECONDS)
+    counters["traces"] += painter.is_whole
+    view.gpu_seconds += spent
+    if drawn > LEAST_PIXELS:
+        speed = drawn / spent
+        view.speed = speed if view.speed == 0.0 else 0.7 * view.speed + 0.3 * speed
 
 
 def _jitter(number: int) -> tuple[float, float]:
@@ -439,7 +446,7 @@ def _work(view: _View, window, space, region) -> None:
         view.painter.begin(1)
     until = time.perf_counter() + SLICE_SECONDS
     while painter.samples < SAMPLES and time.perf_counter() < until:
-        _sample(view, scene.refractive_glass, WAYS)
+        _sample(view, scene.refractive_glass, WAYS, SLICE_SECONDS)
     if painter.samples >= SAMPLES:
         view.final = True
         counters["rests"] += 1
