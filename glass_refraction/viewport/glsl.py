@@ -629,15 +629,15 @@ LOOKUP = """
 #define CAPTURE_STEPS 32
 /* Angle between steps, in pixels of a face (which is two wide at a distance of one). */
 #define CAPTURE_STRIDE 5.0
-#define HALVINGS 5
+#define HALVINGS 6
 /* Ratio of depths of neighbouring pixels below which one surface goes on. */
 #define GOES_ON 1.15
 /* How thick a thing is taken to be of which a view shows the front alone, in common units. */
-#define THICK 0.06
+#define THICK 0.03
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
-#define THICK_PART 0.02
+#define THICK_PART 0.01
 /* Part of the depth by which a surface comes nearer within a pixel; more is another's edge. */
-#define EDGE 0.02
+#define EDGE 0.01
 /* Where a thing is nearer to a face than this, in common units, it touches it. */
 #define TOUCHING 0.03
 /* How much nearer than the glass a thing must be to cover it, in common units. */
@@ -902,7 +902,9 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
       float part = gap_far > gap_near ? clamp(-gap_near / (gap_far - gap_near), 0.0, 1.0) : 1.0;
       way = mix(near, far, part);
       at = q + way * d;
-      if (abs(smooth_gap(slot, at)) < THICK + THICK_PART * length(at)) {
+      /* Behind an edge the ray may pass: halving has then led to where depths jump. */
+      if (gap_far - gap_near < THICK + THICK_PART * length(at) + 2.0 * (far - near) &&
+          abs(smooth_gap(slot, at)) < THICK + THICK_PART * length(at)) {
         return true;
       }
       behind = true;
@@ -1051,6 +1053,26 @@ bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number)
 """
 
 MAIN = """
+/* Differences from pixel to pixel, as they are and as part of the colour, from which on more
+ * samples are worth their time. */
+#define EDGE_STEP vec4(0.006, 0.006, 0.006, 0.02)
+#define EDGE_PART 0.02
+
+/* Whether the first sample differs from those beside it. */
+bool is_edge(ivec2 pixel)
+{
+  vec4 here = texelFetch(first_tx, pixel, 0);
+  ivec2 last = textureSize(first_tx, 0) - 1;
+  for (int k = 0; k < 4; k++) {
+    ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
+    vec4 other = texelFetch(first_tx, clamp(pixel + step_, ivec2(0), last), 0);
+    if (any(greaterThan(abs(other - here), EDGE_STEP + EDGE_PART * abs(here)))) {
+      return true;
+    }
+  }
+  return false;
+}
+
 /* One sample of every pixel: the colour seen through the glass, and whether there is any. */
 void main()
 {
@@ -1062,8 +1084,13 @@ void main()
   float ahead = -dot(p, d);
   float off = length(p + ahead * d);
   color = vec4(0.0);
-  cover = vec4(0.0);
+  /* Whether there is any glass, and how many samples the pixel has. */
+  cover = vec4(0.0, 1.0, 0.0, 0.0);
   if (off > view.start.x) {
+    return;
+  }
+  if (only_edges != 0 && !is_edge(ivec2(gl_FragCoord.xy))) {
+    cover.g = 0.0;
     return;
   }
   float enter = ahead - sqrt(view.start.x * view.start.x - off * off);
@@ -1078,7 +1105,7 @@ void main()
   float way = follow(p, d, g, m, least, most, splits != 0);
   if (way < NOWHERE && got > 0.0) {
     color = sum / got;
-    cover = vec4(1.0);
+    cover.r = 1.0;
   }
 }
 """
@@ -1137,8 +1164,14 @@ RESULT = SMOOTH + """
 void main()
 {
   vec2 place = gl_FragCoord.xy / divisor;
-  float covers = smooth_at(cover_tx, place).r / samples;
-  vec4 seen = smooth_at(color_tx, place) / samples;
+  vec4 covers_ = smooth_at(cover_tx, place);
+  vec4 seen = smooth_at(color_tx, place);
+  if (more != 0) {
+    covers_ += smooth_at(more_cover_tx, place);
+    seen += smooth_at(more_color_tx, place);
+  }
+  seen /= max(covers_.g, 1.0);
+  float covers = covers_.r / max(covers_.g, 1.0);
   float before = texelFetch(direct_tx, ivec2(gl_FragCoord.xy), 0).a;
   float after = (1.0 - covers) * before + min(seen.a, covers);
   bool is_open = before < 0.99;

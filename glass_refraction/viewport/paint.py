@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 
 import gpu
 import numpy as np
@@ -114,15 +115,39 @@ def _tiles(values: np.ndarray, view: Viewpoint, unit: float) -> np.ndarray:
     return found
 
 
+class _Layer:
+    """Samples of a picture, added up, and how many each pixel has."""
+
+    def __init__(self) -> None:
+        self.size = (0, 0)
+        self.divisor = 1
+        self.samples = 0
+        self.colour = self.cover = self.target = None
+
+    def clear(self, size: tuple[int, int], divisor: int) -> None:
+        if self.size != size:
+            self.size = size
+            self.colour, self.cover = (
+                gpu.types.GPUTexture(size, format="RGBA16F") for _ in range(2)
+            )
+            self.target = gpu.types.GPUFrameBuffer(color_slots=[self.colour, self.cover])
+        self.divisor, self.samples = divisor, 0
+        with self.target.bind():
+            self.target.clear(color=(0.0, 0.0, 0.0, 0.0))
+
+
+LAYERS = 3
+"""That a view has: pictures of what moves, of the first sample at rest, and of further ones."""
+
+
 class Painter:
     """What one view keeps on the GPU. Only to be used, and let go, while a GPU context is there."""
 
     def __init__(self) -> None:
         self.direct = Direct()
-        self.samples = self.ways = 0
-        self.divisor = 1
-        self._targets: tuple = ()
-        self._size = (0, 0)
+        self._layers = [_Layer() for _ in range(LAYERS)]
+        self._used: list[_Layer] = []
+        self._drawn = self._layers[0]
         self._block: tuple = (None, None)
         self._view_block = None
         self._view: Viewpoint | None = None
@@ -157,26 +182,44 @@ class Painter:
         """Whether no sample is half drawn."""
         return not self._strips
 
-    def begin(self, divisor: int) -> None:
-        """Start the picture anew, with a sample for ``divisor``² pixels of the view."""
+    def begin(self, divisor: int, number: int) -> None:
+        """Start a layer anew, with a sample for ``divisor``² pixels of the view.
+
+        What is shown stays what it was until `use` says so.
+        """
         width, height = self._view.size
-        size = -(-width // divisor), -(-height // divisor)
-        if self._size != size:
-            self._size = size
-            textures = [gpu.types.GPUTexture(size, format="RGBA16F") for _ in range(2)]
-            self._targets = (*textures, gpu.types.GPUFrameBuffer(color_slots=textures))
-        self.divisor, self.samples, self._strips = divisor, 0, []
-        with self._targets[2].bind():
-            self._targets[2].clear(color=(0.0, 0.0, 0.0, 0.0))
+        layer = self._layers[number]
+        layer.clear((-(-width // divisor), -(-height // divisor)), divisor)
+        self._drawn, self._strips = layer, []
+
+    def use(self, *numbers: int) -> None:
+        """Show one layer from now on, or the sum of two."""
+        self._used = [self._layers[number] for number in numbers]
+
+    @property
+    def divisor(self) -> int:
+        """Pixels a side for a sample of what is shown; 0 before there is any."""
+        return self._used[0].divisor if self._used else 0
+
+    @property
+    def samples(self) -> int:
+        """Samples that the layer has which is drawn now."""
+        return self._drawn.samples
 
     def sample(
-        self, jitter: tuple[float, float], way: Way, captures: tuple, pixels: int | None = None
+        self,
+        jitter: tuple[float, float],
+        way: Way,
+        captures: tuple,
+        pixels: int | None = None,
+        edges_of: int | None = None,
     ) -> int:
         """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
 
         Parameters
         ----------
         captures : the textures of all captures, see `capture.Captures.textures`.
+        edges_of : number of the layer of which only the edges get a sample.
         pixels : about how many to draw now; the next call goes on. None: all.
 
         Returns
@@ -191,9 +234,9 @@ class Painter:
             self._strips[1:],
         )
         shader = _shader("picture")
-        width, height = self._size
-        with self._targets[2].bind():
-            gpu.state.viewport_set(0, 0, width, height)
+        layer = self._drawn
+        with layer.target.bind():
+            gpu.state.viewport_set(0, 0, *layer.size)
             gpu.state.depth_test_set("NONE")
             gpu.state.depth_mask_set(False)
             gpu.state.blend_set("ADDITIVE_PREMULT")
@@ -205,7 +248,10 @@ class Painter:
             shader.uniform_sampler("tile_tx", self.direct.tiles)
             shader.uniform_sampler("capture_tx", captures[0])
             shader.uniform_sampler("reach_tx", captures[1])
-            shader.uniform_float("jitter", (*jitter, float(self.divisor), 0.0))
+            shader.uniform_float("jitter", (*jitter, float(layer.divisor), 0.0))
+            first = self.direct.colour if edges_of is None else self._layers[edges_of].colour
+            shader.uniform_sampler("first_tx", first)
+            shader.uniform_int("only_edges", int(edges_of is not None))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
             shader.uniform_int("splits", int(way.splits))
@@ -215,21 +261,20 @@ class Painter:
                 _quad().draw(shader)
             gpu.state.blend_set("NONE")
         if not self._strips:
-            self.samples += 1
-            self.ways = way.most
+            layer.samples += 1
         return int(sum(self._area(rect) for rect in strips))
 
     def _area(self, rect) -> float:
         """Samples of a rectangle."""
         x0, y0, x1, y1 = rect
-        return 0.25 * (x1 - x0) * (y1 - y0) * self._size[0] * self._size[1]
+        return 0.25 * (x1 - x0) * (y1 - y0) * self._drawn.size[0] * self._drawn.size[1]
 
     def _cut(self, pixels: int | None) -> list[tuple[float, float, float, float]]:
         """The rectangles that can show a glass, cut into strips of about so many pixels."""
         if pixels is None:
             return list(self._rects)
         strips = []
-        height = self._size[1]
+        height = self._drawn.size[1]
         for rect in self._rects:
             x0, y0, x1, y1 = rect
             count = max(1, int(np.ceil(self._area(rect) / max(1, pixels))))
@@ -238,7 +283,7 @@ class Painter:
             edges = 2.0 * rows / height - 1.0
             strips += [
                 (x0, float(low), x1, float(high))
-                for low, high in zip(edges[:-1], edges[1:], strict=True)
+                for low, high in pairwise(edges)
                 if high > low
             ]
         return strips
@@ -246,8 +291,8 @@ class Painter:
     def wait(self) -> float:
         """Seconds until the GPU has done what was asked of it."""
         began = time.perf_counter()
-        with self._targets[2].bind():
-            self._targets[2].read_color(0, 0, 1, 1, 4, 0, "FLOAT")
+        with self._drawn.target.bind():
+            self._drawn.target.read_color(0, 0, 1, 1, 4, 0, "FLOAT")
         return time.perf_counter() - began
 
     def show(self, framebuffer, backdrop: tuple[float, float, float, float]) -> None:
@@ -273,12 +318,15 @@ class Painter:
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("ADDITIVE_PREMULT" if part % 2 else "MULTIPLY")
         shader.bind()
-        shader.uniform_sampler("color_tx", self._targets[0])
-        shader.uniform_sampler("cover_tx", self._targets[1])
+        one, other = self._used[0], self._used[-1]
+        shader.uniform_sampler("color_tx", one.colour)
+        shader.uniform_sampler("cover_tx", one.cover)
+        shader.uniform_sampler("more_color_tx", other.colour)
+        shader.uniform_sampler("more_cover_tx", other.cover)
+        shader.uniform_int("more", int(other is not one))
         shader.uniform_sampler("direct_tx", self.direct.colour)
         shader.uniform_int("part", part)
         shader.uniform_float("backdrop", backdrop)
-        shader.uniform_float("samples", float(self.samples))
         shader.uniform_float("divisor", float(self.divisor))
         for rect in self._rects:
             shader.uniform_float("box", rect)
@@ -403,8 +451,9 @@ DESCRIPTIONS = {
             ("INT", "most"),
             ("INT", "splits"),
             ("INT", "has_depth"),
+            ("INT", "only_edges"),
         ],
-        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"],
+        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx", "first_tx"],
         "glasses": True,
         "view": True,
         "outputs": ["color", "cover"],
@@ -415,10 +464,10 @@ DESCRIPTIONS = {
             ("VEC4", "box"),
             ("VEC4", "backdrop"),
             ("INT", "part"),
-            ("FLOAT", "samples"),
+            ("INT", "more"),
             ("FLOAT", "divisor"),
         ],
-        "samplers": ["color_tx", "cover_tx", "direct_tx"],
+        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx", "direct_tx"],
         "outputs": ["frag"],
         "fragment": glsl.RESULT,
     },

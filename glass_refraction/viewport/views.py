@@ -24,6 +24,10 @@ from ..scene.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
 from .model import Model
 
+MOVING, FIRST, MORE = range(3)
+"""Which picture is drawn: of what moves, or at rest its first sample or further ones at edges;
+also the numbers of the painter's layers."""
+
 REST_SECONDS = 0.15
 """Since the last change: then a view counts as at rest."""
 SLICE_SECONDS = 0.05
@@ -32,7 +36,7 @@ REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
 PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
-SAMPLES = 16
+SAMPLES = 8
 """A pixel at rest."""
 WAYS, WAYS_MOVING = 12, 5
 """Ways of a ray that are followed to their end, at rest and while something moves."""
@@ -72,6 +76,7 @@ class _View:
         self.began = 0.0
         self.final = self.waits = False
         """All samples are there; a redraw is due before more can be added."""
+        self.stage = MOVING
         self.gpu_seconds = 0.0
         self.speed = 0.0
         """Samples a second, as measured."""
@@ -262,8 +267,10 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         if moved:
             view.changed = time.perf_counter()
         _describe(view, eye)
-        painter.begin(_divisor(view) if moved or painter.divisor > 1 else 1)
+        painter.begin(_divisor(view), MOVING)
         _sample(view, settings, WAYS_MOVING)
+        painter.use(MOVING)
+        view.stage = MOVING
         _ask_for_rest()
     painter.show(view.framebuffer, _backdrop(context))
     python += time.perf_counter() - view.gpu_seconds
@@ -287,21 +294,24 @@ def _divisor(view: _View) -> int:
     return int(np.clip(np.ceil(np.sqrt(view.painter.pixels / affordable)), 1, MOST_PIXELS))
 
 
-def _sample(view: _View, settings, ways: int, seconds: float | None = None) -> None:
+def _sample(
+    view: _View, settings, ways: int, seconds: float | None = None, edges_of: int | None = None
+) -> None:
     """One more sample a pixel, or as much of it as these seconds allow; how fast is measured."""
     from .paint import Way
 
     painter = view.painter
     way = Way(settings.min_weight, ways, settings.surface == "GLASS")
-    jitter = _jitter(painter.samples) if painter.samples else (0.0, 0.0)
+    number = painter.samples if edges_of is None else painter.samples + 1
+    jitter = _jitter(number) if number else (0.0, 0.0)
     pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.speed))
     began = time.perf_counter()
-    drawn = painter.sample(jitter, way, view.captures.textures, pixels)
+    drawn = painter.sample(jitter, way, view.captures.textures, pixels, edges_of)
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
     counters["traces"] += painter.is_whole
     view.gpu_seconds += spent
-    if drawn > LEAST_PIXELS:
+    if drawn > LEAST_PIXELS and edges_of is None:
         speed = drawn / spent
         view.speed = speed if view.speed == 0.0 else 0.7 * view.speed + 0.3 * speed
 
@@ -442,15 +452,26 @@ def _work(view: _View, window, space, region) -> None:
             view.waits = True
             region.tag_redraw()
         return
-    if painter.divisor > 1 or painter.ways != WAYS or painter.samples == 0:
-        view.painter.begin(1)
+    settings = scene.refractive_glass
     until = time.perf_counter() + SLICE_SECONDS
-    while painter.samples < SAMPLES and time.perf_counter() < until:
-        _sample(view, scene.refractive_glass, WAYS, SLICE_SECONDS)
-    if painter.samples >= SAMPLES:
-        view.final = True
-        counters["rests"] += 1
-        region.tag_redraw()
+    while time.perf_counter() < until and not view.final:
+        if view.stage == MOVING:
+            painter.begin(1, FIRST)
+            view.stage = FIRST
+        elif view.stage == FIRST:
+            _sample(view, settings, WAYS, SLICE_SECONDS)
+            if painter.is_whole:
+                painter.use(FIRST)
+                painter.begin(1, MORE)
+                view.stage = MORE
+                region.tag_redraw()
+        else:
+            _sample(view, settings, WAYS, SLICE_SECONDS, FIRST)
+            if painter.is_whole and painter.samples >= SAMPLES - 1:
+                painter.use(FIRST, MORE)
+                view.final = True
+                counters["rests"] += 1
+                region.tag_redraw()
 
 
 def _open_regions():
