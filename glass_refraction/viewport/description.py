@@ -106,9 +106,7 @@ def common_frame(glasses: Sequence[Posed]) -> Frame:
     low = np.min([m - g.reach() for m, g in zip(middles, glasses, strict=True)], axis=0)
     high = np.max([m + g.reach() for m, g in zip(middles, glasses, strict=True)], axis=0)
     origin = 0.5 * (low + high)
-    away = [
-        np.linalg.norm(m - origin) + g.reach() for m, g in zip(middles, glasses, strict=True)
-    ]
+    away = [np.linalg.norm(m - origin) + g.reach() for m, g in zip(middles, glasses, strict=True)]
     return Frame(origin, unit, float(max(away)) / unit)
 
 

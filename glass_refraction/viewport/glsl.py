@@ -1160,7 +1160,9 @@ void main()
 # Puts the picture into the view. part 0: what the view's pixels are multiplied by, 1: what is added
 # to them; 2: what the background, which lies in the overlay, is multiplied by, 3: the background
 # that is added where a surface stood.
-RESULT = SMOOTH + """
+RESULT = (
+    SMOOTH
+    + """
 void main()
 {
   vec2 place = gl_FragCoord.xy / divisor;
@@ -1189,6 +1191,7 @@ void main()
   }
 }
 """
+)
 
 # The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
 # pixels wide, as their lines are, gets the depth of what lies on both sides of it.

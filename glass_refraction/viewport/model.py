@@ -94,8 +94,7 @@ class Model:
         if self.block is not None and outer == [glass.outer for glass in self.glasses]:
             return
         self.glasses = [
-            replace(glass, outer=medium)
-            for glass, medium in zip(self.glasses, outer, strict=True)
+            replace(glass, outer=medium) for glass, medium in zip(self.glasses, outer, strict=True)
         ]
         while self.glasses:
             try:
@@ -111,6 +110,4 @@ def _reaches_in(box: Box, glass: Posed) -> bool:
     low, high = glass.body.box
     skin = WITHIN * (high - low)
     local = (box.corners() - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]
-    return bool(
-        np.all(local.min(axis=0) < high - skin) and np.all(local.max(axis=0) > low + skin)
-    )
+    return bool(np.all(local.min(axis=0) < high - skin) and np.all(local.max(axis=0) > low + skin))

@@ -75,13 +75,10 @@ class Direct:
         self.tiles = gpu.types.GPUTexture(
             (columns, rows), format="RG32F", data=gpu.types.Buffer("FLOAT", tiles.shape, tiles)
         )
-        stamp = np.concatenate(
-            (np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel())
-        )
+        stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
         return not same
-
 
     def _linear(self, view: Viewpoint, unit: float, raw) -> None:
         """Fill the texture of depths along the view from the depth buffer's values."""
@@ -229,9 +226,13 @@ class Painter:
         """
         if not self._strips:
             self._strips = self._cut(pixels)
-        strips, self._strips = (self._strips, []) if pixels is None else (
-            self._strips[:1],
-            self._strips[1:],
+        strips, self._strips = (
+            (self._strips, [])
+            if pixels is None
+            else (
+                self._strips[:1],
+                self._strips[1:],
+            )
         )
         shader = _shader("picture")
         layer = self._drawn
@@ -282,9 +283,7 @@ class Painter:
             rows = np.round(0.5 * (np.linspace(y0, y1, count + 1) + 1.0) * height)
             edges = 2.0 * rows / height - 1.0
             strips += [
-                (x0, float(low), x1, float(high))
-                for low, high in pairwise(edges)
-                if high > low
+                (x0, float(low), x1, float(high)) for low, high in pairwise(edges) if high > low
             ]
         return strips
 
@@ -516,5 +515,3 @@ def compiled(*, constants, samplers, outputs, fragment: str, glasses=False, view
     info.vertex_source(glsl.QUAD_VERTEX)
     info.fragment_source(fragment)
     return gpu.shader.create_from_info(info)
-
-
