@@ -78,6 +78,8 @@ class _View:
         """All samples are there; a redraw is due before more can be added."""
         self.stage = MOVING
         self.gpu_seconds = 0.0
+        self.spent = (0, 0.0)
+        """Pixels and seconds of the sample that is being drawn."""
         self.speed = 0.0
         """Samples a second, as measured."""
         self.plain_seconds = 0.1
@@ -268,6 +270,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
             view.changed = time.perf_counter()
         _describe(view, eye)
         painter.begin(_divisor(view), MOVING)
+        view.spent = (0, 0.0)
         _sample(view, settings, WAYS_MOVING)
         painter.use(MOVING)
         view.stage = MOVING
@@ -309,11 +312,15 @@ def _sample(
     drawn = painter.sample(jitter, way, view.captures.textures, pixels, edges_of)
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
-    counters["traces"] += painter.is_whole
     view.gpu_seconds += spent
-    if drawn > LEAST_PIXELS and edges_of is None:
-        speed = drawn / spent
-        view.speed = speed if view.speed == 0.0 else 0.7 * view.speed + 0.3 * speed
+    view.spent = (view.spent[0] + drawn, view.spent[1] + spent)
+    if painter.is_whole:
+        counters["traces"] += 1
+        drawn, spent = view.spent
+        view.spent = (0, 0.0)
+        # Of a whole sample: strips differ, and samples of edges alone tell nothing.
+        if edges_of is None:
+            view.speed = drawn / spent
 
 
 def _jitter(number: int) -> tuple[float, float]:
