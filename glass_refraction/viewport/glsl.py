@@ -632,8 +632,11 @@ LOOKUP = """
 #define HALVINGS 6
 /* Ratio of depths of neighbouring pixels below which one surface goes on. */
 #define GOES_ON 1.15
-/* How thick a thing is taken to be of which a view shows the front alone, in common units. */
-#define THICK 0.03
+/* How thick a thing is taken to be of which the view shows the front alone, in common units: a ray
+ * that passes behind its edge meets it if no deeper. */
+#define THICK 0.16
+/* The same for captures, which know surfaces alone. */
+#define THIN 0.03
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
 /* Part of the depth by which a surface comes nearer within a pixel; more is another's edge. */
@@ -903,8 +906,8 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
       way = mix(near, far, part);
       at = q + way * d;
       /* Behind an edge the ray may pass: halving has then led to where depths jump. */
-      if (gap_far - gap_near < THICK + THICK_PART * length(at) + 2.0 * (far - near) &&
-          abs(smooth_gap(slot, at)) < THICK + THICK_PART * length(at)) {
+      if (gap_far - gap_near < THIN + THICK_PART * length(at) + 2.0 * (far - near) &&
+          abs(smooth_gap(slot, at)) < THIN + THICK_PART * length(at)) {
         return true;
       }
       behind = true;
