@@ -34,6 +34,9 @@ PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 MIDDLE = 0.5
 """How much nearer to a thing a centre may lie for being nearer to the middle."""
 
+LEAST_HALF = 1e-6
+"""Metres: flat things have a box too."""
+
 _drawing = False
 
 
@@ -58,9 +61,7 @@ class Captures:
 
     @property
     def textures(self) -> tuple:
-        """Colours and depths of all faces; of a single pixel while there are none."""
-        if self._atlas is None:
-            self._make_atlas(1, 1)
+        """Colours and depths of all faces, once they were arranged."""
         return self._atlas[:2]
 
     def _make_atlas(self, width: int, height: int) -> None:
@@ -93,7 +94,9 @@ class Captures:
         if key != self._key:
             self._key, self.side = key, side
             self._drawn.clear()
-            self._atlas = self._face = None
+            self._face = None
+            # As large as it will be: drivers compile shaders anew for textures of another kind.
+            self._make_atlas(FACES * side, max(1, len(glasses)) * side)
         self.centres = [centre_of(glass, boxes) for glass in glasses]
 
     def outdate(self) -> None:
@@ -120,7 +123,6 @@ class Captures:
         side, centre = self.side, self.centres[number]
         if self._face is None:
             self._face = gpu.types.GPUOffScreen(side, side, format="RGBA16F")
-            self._make_atlas(FACES * side, len(self.centres) * side)
         scene, layer, space, region = view_3d
         reach = glasses[number].reach()
         near, far = NEAR * reach, max(FAR * reach, space.clip_end)
@@ -229,6 +231,11 @@ class Box:
         local = np.abs(places @ self.to_box[:3, :3].T + self.to_box[:3, 3]) - self.half
         outside = np.linalg.norm(np.maximum(local, 0.0), axis=1)
         return outside + np.minimum(local.max(axis=1), 0.0)
+
+    def unit(self) -> np.ndarray:
+        """(4, 4): from the world to a frame in which the box runs from -1 to 1."""
+        half = np.maximum(self.half, LEAST_HALF)
+        return np.diag([*(1.0 / half), 1.0]) @ self.to_box
 
     def corners(self) -> np.ndarray:
         """(8, 3) in the world."""

@@ -30,9 +30,10 @@ ROWS = 4096
 
 CYLINDER, PLANE, LID, SIDE, SHELL, PROFILE = range(6)
 
-GLASS_ROWS = 11
+GLASS_ROWS = 9
 INTERFACE_ROWS = 3
 MEDIUM_ROWS = 2
+THING_ROWS = 3
 CHORD_ROWS = 2
 CUBIC_ROWS = 2
 BUNCH = 8
@@ -58,7 +59,8 @@ class Posed:
     body : the bounded glass, in its own frame, metres.
     to_world : (4, 4) float64, rigid.
     absorption : (red, green, blue) of every medium, per metre.
-    holds_things : something of the scene may stand in its hollow.
+    things : (4, 4) each: from the world to a frame in which the box of a thing that may stand in
+        the glass's hollow runs from -1 to 1.
     capture : number of the capture in which its rays look up what the view does not show, or -1.
     outer : the medium that the eye, or any other ray from outside, is in.
     """
@@ -66,7 +68,7 @@ class Posed:
     body: BoundedGlass
     to_world: np.ndarray
     absorption: tuple[tuple[float, float, float], ...] = ()
-    holds_things: bool = False
+    things: tuple[np.ndarray, ...] = ()
     capture: int = -1
     outer: int = 0
 
@@ -129,18 +131,19 @@ def pack(glasses: Sequence[Posed], frame: Frame) -> np.ndarray:
         for row, column in table.pointers:
             interfaces[row, column] += used
         media = _media(glass)
-        total = used + len(interfaces) + len(media)
+        things = [_thing(matrix, frame) for matrix in glass.things]
+        total = used + len(interfaces) + len(media) + THING_ROWS * len(things)
         if total > ROWS:
             raise TooMuch(f"the first {number} glasses fill the shader's {ROWS} rows")
-        rows += [interfaces, media]
+        rows += [interfaces, media, *things]
         record = rows[0][1 + GLASS_ROWS * number :][:GLASS_ROWS]
-        record[0] = used, table.count, used + len(interfaces), float(glass.holds_things)
+        first = used + len(interfaces)
+        record[0] = used, table.count, first, len(things)
         low, high = glass.body.box / glass.body.scale
         record[1] = *(0.5 * (low + high)), 0.5 * np.linalg.norm(high - low)
         inward, outward = _poses(glass, frame)
         record[2:5], record[5:8] = inward, outward
-        record[8] = glass.body.scale / frame.unit, glass.capture, glass.outer, 0.0
-        record[9, :3], record[10, :3] = low, high
+        record[8] = glass.body.scale / frame.unit, glass.capture, glass.outer, first + len(media)
         used = total
     block = np.zeros((ROWS, 4), np.float32)
     block[:used] = np.concatenate(rows)
@@ -155,6 +158,11 @@ def _poses(glass: Posed, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     inward = np.column_stack((rotation.T / factor, -rotation.T @ shift / factor))
     outward = np.column_stack((rotation * factor, shift))
     return inward, outward
+
+
+def _thing(to_box: np.ndarray, frame: Frame) -> np.ndarray:
+    """(3, 4): from the common frame to that of a thing's box."""
+    return (to_box @ frame.to_world())[:3]
 
 
 def _media(glass: Posed) -> np.ndarray:

@@ -23,6 +23,7 @@ from .description import (
     ROWS,
     SHELL,
     SIDE,
+    THING_ROWS,
 )
 
 BLOCKS = f"""
@@ -45,6 +46,7 @@ CONSTANTS = f"""
 #define GLASS_ROWS {GLASS_ROWS}
 #define INTERFACE_ROWS {INTERFACE_ROWS}
 #define MEDIUM_ROWS {MEDIUM_ROWS}
+#define THING_ROWS {THING_ROWS}
 #define CHORD_ROWS {CHORD_ROWS}
 #define CUBIC_ROWS {CUBIC_ROWS}
 #define CYLINDER {CYLINDER}
@@ -626,6 +628,8 @@ LOOKUP = """
 /* Pixels from look to look where a tile does not tell. */
 #define STRIDE 2.0
 #define DIRECT_STEPS 80
+/* Half the side of a box of things, with some room. */
+#define BOX_MARGIN 1.02
 #define CAPTURE_STEPS 32
 /* Angle between steps, in pixels of a face (which is two wide at a distance of one). */
 #define CAPTURE_STRIDE 5.0
@@ -1001,12 +1005,32 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 
 void lose(vec4 light) {}
 
+/* Whether a ray runs through the box of a thing that may stand in the glass. */
+bool may_meet(int g, vec3 p, vec3 d, float reach)
+{
+  int first = int(row(9 + GLASS_ROWS * g).w);
+  int count = int(row(1 + GLASS_ROWS * g).w);
+  for (int k = 0; k < count; k++) {
+    int at = first + THING_ROWS * k;
+    vec4 h = vec4(p, 1.0);
+    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
+    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
+    v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
+    vec3 one = (-BOX_MARGIN - o) / v;
+    vec3 two = (BOX_MARGIN - o) / v;
+    vec3 enter = min(one, two), leave_ = max(one, two);
+    float low = max(max(enter.x, enter.y), max(enter.z, 0.0));
+    float high = min(min(leave_.x, leave_.y), min(leave_.z, reach));
+    if (low <= high) {
+      return true;
+    }
+  }
+  return false;
+}
+
 bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
              int number)
 {
-  if (g >= 0 && (outside ? same : true) && row(1 + GLASS_ROWS * g).w < 0.5) {
-    return false;
-  }
   float size = 1.0;
   if (!outside) {
     if ((int(medium_row(g, m).y) & HOLLOW) == 0) {
@@ -1015,6 +1039,10 @@ bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, 
     size = row(9 + GLASS_ROWS * g).x;
     p = to_common(g, p);
     d = turn_out(g, d);
+  }
+  /* From one glass to another anything may stand; within one what reaches into its box. */
+  if ((!outside || same) && !may_meet(g, p, d, way * size)) {
+    return false;
   }
   vec4 colour;
   float reached;
@@ -1058,8 +1086,8 @@ bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number)
 MAIN = """
 /* Differences from pixel to pixel, as they are and as part of the colour, from which on more
  * samples are worth their time. */
-#define EDGE_STEP vec4(0.006, 0.006, 0.006, 0.02)
-#define EDGE_PART 0.02
+#define EDGE_STEP vec4(0.012, 0.012, 0.012, 0.02)
+#define EDGE_PART 0.05
 
 /* Whether the first sample differs from those beside it. */
 bool is_edge(ivec2 pixel)

@@ -68,7 +68,7 @@ class Model:
             replace(
                 glass,
                 capture=min(number, CAPTURES - 1),
-                holds_things=any(_reaches_in(box, glass) for box in self.boxes),
+                things=tuple(box.unit() for box in self.boxes if _reaches_in(box, glass)),
             )
             for number, glass in enumerate(found)
         ]

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from itertools import pairwise
 
 import gpu
 import numpy as np
@@ -133,8 +132,9 @@ class _Layer:
             self.target.clear(color=(0.0, 0.0, 0.0, 0.0))
 
 
-LAYERS = 3
-"""That a view has: pictures of what moves, of the first sample at rest, and of further ones."""
+LAYERS = 5
+"""That a view has: one of what moves, and two pairs for pictures at rest, of their first sample and
+of further ones at edges; one pair is shown while the other is drawn."""
 
 
 class Painter:
@@ -225,15 +225,11 @@ class Painter:
             About how many were drawn.
         """
         if not self._strips:
-            self._strips = self._cut(pixels)
-        strips, self._strips = (
-            (self._strips, [])
-            if pixels is None
-            else (
-                self._strips[:1],
-                self._strips[1:],
-            )
-        )
+            self._strips = list(self._rects)
+        if pixels is None:
+            strips, self._strips = self._strips, []
+        else:
+            strips = [self._take(pixels)]
         shader = _shader("picture")
         layer = self._drawn
         with layer.target.bind():
@@ -270,22 +266,18 @@ class Painter:
         x0, y0, x1, y1 = rect
         return 0.25 * (x1 - x0) * (y1 - y0) * self._drawn.size[0] * self._drawn.size[1]
 
-    def _cut(self, pixels: int | None) -> list[tuple[float, float, float, float]]:
-        """The rectangles that can show a glass, cut into strips of about so many pixels."""
-        if pixels is None:
-            return list(self._rects)
-        strips = []
+    def _take(self, pixels: int) -> tuple[float, float, float, float]:
+        """The next strip of about so many pixels of what is still to be drawn."""
+        x0, y0, x1, y1 = rect = self._strips.pop(0)
         height = self._drawn.size[1]
-        for rect in self._rects:
-            x0, y0, x1, y1 = rect
-            count = max(1, int(np.ceil(self._area(rect) / max(1, pixels))))
-            # Edges between rows of samples: each is drawn once.
-            rows = np.round(0.5 * (np.linspace(y0, y1, count + 1) + 1.0) * height)
-            edges = 2.0 * rows / height - 1.0
-            strips += [
-                (x0, float(low), x1, float(high)) for low, high in pairwise(edges) if high > low
-            ]
-        return strips
+        # It ends between two rows of samples: each is drawn once.
+        begin = 0.5 * (y0 + 1.0) * height
+        end = np.ceil(begin + pixels * 0.5 * (y1 - y0) * height / max(self._area(rect), 1.0))
+        middle = float(2.0 * end / height - 1.0)
+        if middle >= y1:
+            return rect
+        self._strips.insert(0, (x0, middle, x1, y1))
+        return (x0, y0, x1, middle)
 
     def wait(self) -> float:
         """Seconds until the GPU has done what was asked of it."""

@@ -25,18 +25,21 @@ from .eye import view_eye
 from .model import Model
 
 MOVING, FIRST, MORE = range(3)
-"""Which picture is drawn: of what moves, or at rest its first sample or further ones at edges;
-also the numbers of the painter's layers."""
+"""Which picture is drawn: of what moves, or at rest its first sample or further ones at edges."""
 
+MOVING_LAYER = 0
+"""Number of the painter's layer for what moves; the others are pairs for views at rest."""
 REST_SECONDS = 0.15
 """Since the last change: then a view counts as at rest."""
+HOLD_SECONDS = 0.25
+"""For which faces of captures may be drawn one after the other."""
 SLICE_SECONDS = 0.05
 """Of work at rest, between which Blender sees to the user."""
 REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
 PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
-SAMPLES = 8
+SAMPLES = 6
 """A pixel at rest."""
 WAYS, WAYS_MOVING = 12, 5
 """Ways of a ray that are followed to their end, at rest and while something moves."""
@@ -46,6 +49,8 @@ MOST_PIXELS = 6
 """A side, of which a moving picture has one sample at least."""
 LEAST_PIXELS = 2000
 """Of a slice of a sample: fewer tell nothing of the speed."""
+MOST_GROWTH = 4.0
+"""Of a slice over the one before: strips of a picture differ."""
 LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
@@ -77,9 +82,11 @@ class _View:
         self.final = self.waits = False
         """All samples are there; a redraw is due before more can be added."""
         self.stage = MOVING
+        self.layers = (1, 2)
         self.gpu_seconds = 0.0
         self.spent = (0, 0.0)
         """Pixels and seconds of the sample that is being drawn."""
+        self.strip_speed = 0.0
         self.speed = 0.0
         """Samples a second, as measured."""
         self.plain_seconds = 0.1
@@ -268,11 +275,13 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         view.final = False
         if moved:
             view.changed = time.perf_counter()
-        _describe(view, eye)
-        painter.begin(_divisor(view), MOVING)
-        view.spent = (0, 0.0)
-        _sample(view, settings, WAYS_MOVING)
-        painter.use(MOVING)
+        if moved:
+            _describe(view, eye)
+            painter.begin(_divisor(view), MOVING_LAYER)
+            view.spent = (0, 0.0)
+            _sample(view, settings, WAYS_MOVING)
+            painter.use(MOVING_LAYER)
+        # Else the engine only refines what it shows: what is there stays until better is done.
         view.stage = MOVING
         _ask_for_rest()
     painter.show(view.framebuffer, _backdrop(context))
@@ -307,12 +316,13 @@ def _sample(
     way = Way(settings.min_weight, ways, settings.surface == "GLASS")
     number = painter.samples if edges_of is None else painter.samples + 1
     jitter = _jitter(number) if number else (0.0, 0.0)
-    pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.speed))
+    pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
     began = time.perf_counter()
     drawn = painter.sample(jitter, way, view.captures.textures, pixels, edges_of)
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
     view.gpu_seconds += spent
+    view.strip_speed = min(drawn / spent, MOST_GROWTH * view.strip_speed)
     view.spent = (view.spent[0] + drawn, view.spent[1] + spent)
     if painter.is_whole:
         counters["traces"] += 1
@@ -453,8 +463,12 @@ def _work(view: _View, window, space, region) -> None:
             return
         view_3d = scene, window.view_layer, space, region
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
-        captures.draw(view.model.frame, view.model.glasses, view_3d, turned)
-        counters["faces"] += 1
+        until = time.perf_counter() + HOLD_SECONDS
+        while captures.left:
+            captures.draw(view.model.frame, view.model.glasses, view_3d, turned)
+            counters["faces"] += 1
+            if time.perf_counter() + captures.seconds > until:
+                break
         if not captures.left:
             view.waits = True
             region.tag_redraw()
@@ -463,19 +477,23 @@ def _work(view: _View, window, space, region) -> None:
     until = time.perf_counter() + SLICE_SECONDS
     while time.perf_counter() < until and not view.final:
         if view.stage == MOVING:
-            painter.begin(1, FIRST)
+            _describe(view, view.eye)
+            # Into the layers that are not shown.
+            view.layers = (3, 4) if view.layers == (1, 2) else (1, 2)
+            painter.begin(1, view.layers[0])
+            view.strip_speed = view.speed / MOST_GROWTH
             view.stage = FIRST
         elif view.stage == FIRST:
             _sample(view, settings, WAYS, SLICE_SECONDS)
             if painter.is_whole:
-                painter.use(FIRST)
-                painter.begin(1, MORE)
+                painter.use(view.layers[0])
+                painter.begin(1, view.layers[1])
                 view.stage = MORE
                 region.tag_redraw()
         else:
-            _sample(view, settings, WAYS, SLICE_SECONDS, FIRST)
+            _sample(view, settings, WAYS, SLICE_SECONDS, view.layers[0])
             if painter.is_whole and painter.samples >= SAMPLES - 1:
-                painter.use(FIRST, MORE)
+                painter.use(*view.layers)
                 view.final = True
                 counters["rests"] += 1
                 region.tag_redraw()
