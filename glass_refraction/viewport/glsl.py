@@ -636,10 +636,10 @@ LOOKUP = """
 #define HALVINGS 6
 /* Ratio of depths of neighbouring pixels below which one surface goes on. */
 #define GOES_ON 1.15
-/* How thick a thing is taken to be of which the view shows the front alone, in common units: a ray
- * that passes behind its edge meets it if no deeper. */
-#define THICK 0.16
-/* The same for captures, which know surfaces alone. */
+/* How far behind a thing's edge a ray still meets it, in common units: pixels do not tell where
+ * exactly the edge is. */
+#define SLACK 0.05
+/* The same for surfaces in captures. */
 #define THIN 0.03
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
@@ -788,6 +788,8 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
   float before = z0 + low * z1 - shown_before;
   float z_before = z0 + low * z1;
   bool behind = before > NEARER;
+  /* Depth of the edge that the ray passed behind, -1 if it is not known. */
+  float limb = -1.0;
   float u_before = 0.0;
   hidden = hidden || behind;
   for (int k = 0; k < DIRECT_STEPS; k++) {
@@ -812,7 +814,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       shown_before = -1.0;
       continue;
     }
-    if (behind && min(z, z_before) > range.y) {
+    if (behind && min(z, z_before) > max(range.y, limb > 0.0 ? 2.0 * limb - range.x : 0.0)) {
       u = next;
       u_before = u;
       z_before = z;
@@ -822,10 +824,11 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
     if (shown_before < 0.0) {
       shown_before = depth_at(ivec2(pixel));
       before = z_before - shown_before;
-      if (!behind && before > THICK) {
+      if (!behind && before > SLACK) {
         /* An edge lies just at the tile's: the ray passes behind it. */
         behind = true;
         hidden = true;
+        limb = shown_before;
       }
       else if (before <= 0.0) {
         behind = false;
@@ -838,23 +841,35 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
     pixel = a + next * span;
     float shown = depth_at(ivec2(pixel));
     float gap = z - shown;
-    if (!behind && gap > 0.0) {
-      /* One surface goes on from pixel to pixel; behind an edge the ray may pass. */
-      bool goes_on = shown_before - shown < EDGE * shown + abs(z - z_before);
-      if (goes_on || gap < THICK) {
-        float part = clamp(before < 0.0 ? -before / (gap - before) : 0.0, 0.0, 1.0);
-        float found = mix(u_before, next, part);
-        at = a + found * span;
-        way = ((1.0 - found) * low * two.w + found * high * one.w) /
-              ((1.0 - found) * two.w + found * one.w);
-        return true;
-      }
-      behind = true;
-      hidden = true;
-    }
-    else if (gap <= 0.0) {
+    float jump = shown_before - shown;
+    bool met = false;
+    if (gap <= 0.0) {
       behind = false;
     }
+    else if (!behind) {
+      /* One surface goes on from pixel to pixel; behind an edge the ray may pass. */
+      met = jump < EDGE * shown + abs(z - z_before);
+      behind = !met;
+      limb = shown;
+    }
+    else if (jump > EDGE * shown) {
+      limb = shown;
+    }
+    else if (jump < -EDGE * shown) {
+      limb = -1.0;
+    }
+    /* Round things are as thick behind their edge as before it: the back is the front's mirror
+     * image. */
+    met = met || (behind && limb > 0.0 && z - limb < limb - shown + SLACK);
+    if (met) {
+      float part = clamp(before < 0.0 ? -before / (gap - before) : 0.0, 0.0, 1.0);
+      float found = behind ? next : mix(u_before, next, part);
+      at = a + found * span;
+      way = ((1.0 - found) * low * two.w + found * high * one.w) /
+            ((1.0 - found) * two.w + found * one.w);
+      return true;
+    }
+    hidden = hidden || behind;
     u = next;
     u_before = u;
     before = min(gap, -1e-9);
