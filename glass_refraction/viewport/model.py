@@ -8,8 +8,8 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..scene.read.glasses import as_body, glass_objects, read_glass
 from ..scene.names import RefractiveGlassError
+from ..scene.read.glasses import as_body, glass_objects, read_glass
 from ..scene.read.sources import source_objects
 from ..scene.read.viewpoint import Viewpoint
 from .capture import Box, boxes_of
