@@ -132,7 +132,7 @@ class Scene:
         return found
 
     def worth(self, view: RadianceView, ways: Ways, direct: bool) -> tuple[np.ndarray, np.ndarray]:
-        """How well a view would show each hit (K,), 0 where it lies outside, and its pixels there."""
+        """How well a view would show each hit (K,), 0 where it lies outside, and its pixels."""
         pixels = np.zeros((len(ways), 2))
         worth = np.zeros(len(ways))
         sky = np.flatnonzero(ways.is_sky)

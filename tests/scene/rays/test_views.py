@@ -119,7 +119,11 @@ def test_views_of_one_direction_and_of_all_round_are_finite():
     del scene
     random = np.random.default_rng(8)
     everywhere = _directions(random, (0, 0, 0), 1.0)
-    for directions in (np.array([(0.0, 0.0, 1.0)]), np.array([(0, 0, 1.0), (0, 0, -1)]), everywhere):
+    for directions in (
+        np.array([(0.0, 0.0, 1.0)]),
+        np.array([(0, 0, 1.0), (0, 0, -1)]),
+        everywhere,
+    ):
         view = aimed_view(np.zeros(3), directions, np.ones(len(directions)), 0.0, direct, 1.0)
         assert np.isfinite(view.projection).all()
         assert np.isfinite(view.to_camera).all()
