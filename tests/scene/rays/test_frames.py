@@ -168,7 +168,7 @@ def test_all_white_is_white_through_any_glass(tmp_path, engine, values):
     np.testing.assert_allclose(found[..., :3], 1.0, atol=0.005)
 
 
-# -------------------------------------------------------------------------------- whose engine it is
+# ---------------------------------------------------------------------------- whose engine it is
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -194,7 +194,7 @@ def test_no_scene_is_rendered_by_another_engine_than_the_users(tmp_path, engine)
     assert np.abs(found - _plain(scene, tmp_path)).max() > 0.3
 
 
-# ------------------------------------------------------------------------------------ against Cycles
+# ---------------------------------------------------------------------------- against Cycles
 
 
 def _against_cycles(scene, folder, least, samples=256):
