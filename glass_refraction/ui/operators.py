@@ -19,6 +19,7 @@ from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import write_input
 from ..scene.read.profile_curves import wine_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
+from .overlay import show_first_glass
 
 SHAPES = (
     ("SLAB", "Slab", "A flat pane; a mesh's flat face is its outline"),
@@ -261,6 +262,7 @@ class OBJECT_OT_refractive_glass_add(bpy.types.Operator, AddObjectHelper, GlassP
             mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
         obj = object_data_add(context, mesh, operator=self, name="Refractive Glass")
         self.apply(obj, group)
+        show_first_glass(context)
         return {"FINISHED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -310,6 +312,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             self.report({"ERROR"}, problem)
             return {"CANCELLED"}
         self.apply(obj, load_group(MODIFIER))
+        show_first_glass(context)
         return {"FINISHED"}
 
     def _take_size(self, obj: bpy.types.Object) -> None:

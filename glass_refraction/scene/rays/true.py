@@ -28,6 +28,7 @@ from ..read.viewpoint import Viewpoint, border_window, render_size
 from ..read.visibility import rendered_layer
 from .caster import Caster, fill_cast_collection
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
+from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
 from .radiance import sky_of
@@ -39,7 +40,7 @@ from .views import RadianceView
 CURTAIN = "curtain"
 """Role of what hides the pixels of a view that nobody looks up."""
 CAPTURE, SKY, CAST = "capture", "sky", "cast"
-"""Roles of own scenes: for captures, for views of the world alone, and one to cast rays in."""
+"""Roles of own scenes: for captures, for views of the world alone, and to cast rays in."""
 ROOM = Room(captures=3, skies=3)
 """Views that the compositor tree has room for."""
 LEAST_CLIP = 1e-4
@@ -134,7 +135,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     started = time.perf_counter()
     problems: list[str] = []
     views = find_own_scenes(scene, (CAPTURE, SKY))
-    result = compute(_read(scene, depsgraph, view, problems), _caster(scene), ROOM)
+    result = compute(_read(scene, depsgraph, view, problems), _caster(scene), ROOM, _kept(scene))
     _write(scene, views, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
@@ -158,6 +159,13 @@ def _caster(scene: bpy.types.Scene) -> Caster:
     if memory.caster is None or not memory.caster.is_of(cast):
         memory.caster = Caster(cast)
     return memory.caster
+
+
+def _kept(scene: bpy.types.Scene) -> Kept:
+    memory = memory_of(scene)
+    if memory.kept is None:
+        memory.kept = Kept()
+    return memory.kept
 
 
 def _read(
