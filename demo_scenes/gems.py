@@ -57,8 +57,8 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
 def add_gems() -> list[bpy.types.Object]:
     """Hang the gems up in rows, balls and panes by turns, and return them."""
     from glass_refraction.optics import MEDIA
-    from glass_refraction.scene.glasses import glass_modifier
-    from glass_refraction.scene.modifier_inputs import write_input
+    from glass_refraction.scene.read.glasses import glass_modifier
+    from glass_refraction.scene.read.modifier_inputs import write_input
 
     made = []
     for number, (name, ior) in enumerate(MEDIA.items()):

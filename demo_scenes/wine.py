@@ -48,8 +48,8 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
 def add_glass() -> bpy.types.Object:
     """Stand the glass of wine on the table and return it."""
     common.register_extension()
-    from glass_refraction.scene.glasses import glass_modifier
-    from glass_refraction.scene.modifier_inputs import write_input
+    from glass_refraction.scene.read.glasses import glass_modifier
+    from glass_refraction.scene.read.modifier_inputs import write_input
 
     bpy.ops.object.refractive_glass_add(
         shape="REVOLUTION", liquid_level=LEVEL, ior=IOR, contents_ior=WINE

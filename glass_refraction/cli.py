@@ -230,7 +230,7 @@ def _said(error: RuntimeError) -> str:
 def _write_regions(scene, path: Path) -> None:
     import bpy
 
-    from .scene.region_map import write_region_map
+    from .scene.vertices.region_map import write_region_map
 
     write_region_map(scene, bpy.context.evaluated_depsgraph_get(), path)
 
@@ -238,8 +238,8 @@ def _write_regions(scene, path: Path) -> None:
 def _bake(options: argparse.Namespace) -> None:
     import bpy
 
-    from .scene.bake import Baking
-    from .scene.bake_files import frame_ranges
+    from .scene.bake.baking import Baking
+    from .scene.bake.files import frame_ranges
 
     output = _file(options.output, ".blend")
     if output == options.scene.resolve():

@@ -17,10 +17,12 @@ import threading
 import bpy
 from bpy.app.handlers import persistent
 
-from .scene import changes, motion_blur
+from .scene import changes
 from .scene import update as door
-from .scene.layers import user_scene_of
+from .scene.build.own_scenes import find_own_scenes, user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
+from .scene.read.visibility import any_depsgraph
+from .scene.vertices import motion_blur
 
 REST_SECONDS = 0.3
 """Changes come in bursts (a dragged object, a slider): wait for the last one."""
@@ -32,6 +34,9 @@ _asked: set[int] = set()
 _withdrawn: set[int] = set()
 """Scenes that are to be prepared again once the file is saved."""
 _rendering = False
+_own_rendered = False
+"""Whether the render that goes on has come to an own scene."""
+LEFT_OUT = "Only a single view layer was rendered, which leaves out the glass: render all of them"
 
 
 def request_update(scene: bpy.types.Scene | None, seconds: float = REST_SECONDS) -> None:
@@ -87,7 +92,7 @@ def _prepare(scene: bpy.types.Scene) -> None:
     """Prepare a scene; what is wrong with it ends in its status, for the panel."""
     if scene.library is not None:
         return
-    depsgraph = scene.view_layers[0].depsgraph
+    depsgraph = any_depsgraph(scene)
     if depsgraph is None:
         # Nobody looks at it; an undone deletion may have brought it back with what stood for it.
         if not _rendering:
@@ -139,7 +144,9 @@ _RELEVANT = (
 
 @persistent
 def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    global _own_rendered
     if own(scene):
+        _own_rendered = True
         if own(scene, "displaced") and depsgraph.mode == "RENDER" and scene.render.use_motion_blur:
             user = user_scene_of(scene)
             if user is not None:
@@ -157,7 +164,9 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
 
 @persistent
 def _on_render_init(scene: bpy.types.Scene, *_) -> None:
-    global _rendering
+    global _rendering, _own_rendered
+    if not own(scene):
+        _own_rendered = False
     _rendering = True
     if threading.current_thread() is not threading.main_thread() or own(scene):
         return
@@ -177,6 +186,10 @@ def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     _rendering = False
     if own(scene):
         return
+    composited = scene.render.use_compositing and find_own_scenes(scene)
+    if composited and not _own_rendered:
+        door.status(scene).problems.append(LEFT_OUT)
+        print(f"Refractive Glass: {LEFT_OUT}")
     if threading.current_thread() is threading.main_thread():
         door.free_leftovers()
     else:

@@ -7,8 +7,7 @@ onto the carrier's and keeps all else: faces, UVs, materials, attributes and ori
 carrier that has faces of its own (a refined source) is drawn itself.
 
 Carrier attributes: ``rg_seen`` (float, point; 1 = has an image, 0 = lies on the fold instead, far
-below 0 = no face may use it), ``rg_lookup`` (colour, point: where the true place is in the direct
-picture; only of copies that are looked up), ``rg_normal`` (vector, corner; refined carriers only).
+below 0 = no face may use it), ``rg_normal`` (vector, corner; refined carriers only).
 """
 
 from __future__ import annotations
@@ -33,10 +32,9 @@ def build():
         "Normals",
         "Int",
         default=1,
-        minimum=0,
+        minimum=1,
         maximum=3,
-        description="Normals kept: 0 none (it is not shaded), or those of 1 corners, 2 vertices, "
-        "3 faces",
+        description="Normals kept: those of 1 corners, 2 vertices, 3 faces",
     )
     group = b.node("NodeGroupInput")
     carrier = group.outputs["Geometry"]
@@ -83,8 +81,8 @@ def build():
         return enabled(node.outputs, "Attribute")
 
     stored = captured
-    carried = [("FLOAT_COLOR", "rg_lookup"), *(("FLOAT_VECTOR", name) for name in COORDINATES)]
-    for kind, name in carried:
+    kind = "FLOAT_VECTOR"
+    for name in COORDINATES:
         store = b.node("StoreNamedAttribute", data_type=kind, domain="POINT")
         store.inputs["Name"].default_value = name
         b.link(stored, store.inputs["Geometry"])

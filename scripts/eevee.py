@@ -27,8 +27,8 @@ from glass_refraction.reference.glass_mesh import glass_surfaces
 from glass_refraction.reference.metrics import psnr, to_srgb
 from glass_refraction.reference.picture import render_picture
 from glass_refraction.reference.png import write_png
-from glass_refraction.scene.glasses import read_glasses
-from glass_refraction.scene.regions import region_masks
+from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.vertices.regions import region_masks
 
 SAMPLES = 16
 

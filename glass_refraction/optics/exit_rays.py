@@ -54,6 +54,8 @@ class ExitRays:
         Unit, from there on.
     distance : (K,)
         Metres from `origin` to the thing seen, inf for none.
+    thing : (K,) int
+        Number of the thing seen, as `cast` has it, -1 for none.
     events : (K,) int
         Interfaces at which the ray was refracted or reflected.
     path : (K,) int64
@@ -73,14 +75,16 @@ class ExitRays:
     origin: Floats
     direction: Floats
     distance: Floats
+    thing: NDArray[np.intp]
     events: NDArray[np.intp]
     path: NDArray[np.int64]
     lost: Floats
     steps: int
 
 
-Cast = Callable[[Floats, Floats], Floats]
-"""(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none."""
+Cast = Callable[[Floats, Floats], tuple[Floats, NDArray[np.intp]]]
+"""(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none, and
+its number (L,), -1 for none."""
 
 Meet = Callable[[Floats, Floats], tuple[NDArray[np.intp], Floats, Floats, Floats]]
 """(origins (L, 3), unit directions (L, 3)) -> of the next face of a mesh that is a glass: number of
@@ -98,7 +102,8 @@ class _Live:
 
     `medium`: of each glass, 0 outside it. `entered`: the step in which each glass was entered.
     `facet`: the ray's number among those into which the first rough interface split it, else -1.
-    `aside`: (3, L), from where a ray starts to where it looks for things from.
+    `aside`: (3, L), from where a ray starts to where it looks for things from. `thing`: number of
+    the thing that it met when it last looked, -1 for none.
     """
 
     ray: NDArray[np.intp]
@@ -112,6 +117,7 @@ class _Live:
     entered: NDArray[np.int16]
     facet: NDArray[np.int8]
     aside: Floats
+    thing: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.ray)
@@ -208,6 +214,7 @@ class _Followed:
             entered=np.zeros((glasses, count), dtype=np.int16),
             facet=np.full(count, -1, dtype=np.int8),
             aside=np.zeros((3, count)),
+            thing=np.full(count, -1, dtype=np.int32),
         )
 
     # ---- one step -----------------------------------------------------------------------
@@ -321,8 +328,9 @@ class _Followed:
         return found
 
     def look(self, live: _Live, met: _Met) -> Floats:
-        """Metres (L,) to the nearest thing, looked for where one can be."""
+        """Metres (L,) to the nearest thing, looked for where one can be; the rays note which."""
         free = np.full(len(live), np.inf)
+        live.thing = np.full(len(live), -1, dtype=np.int32)
         if self.cast is None or not len(live):
             return free
         some = slice(None)
@@ -335,7 +343,8 @@ class _Followed:
                 return free
         aside, along = live.aside[:, some], live.direction[:, some]
         origins = np.ascontiguousarray((live.place[:, some] + aside).T)
-        free[some] = self.cast(origins, np.ascontiguousarray(along.T)) + dot(aside, along)
+        way, live.thing[some] = self.cast(origins, np.ascontiguousarray(along.T))
+        free[some] = way + dot(aside, along)
         return np.maximum(free, 0.0)
 
     def split(self, live: _Live, met: _Met, near, lift, lost: Floats) -> _Live:
@@ -736,6 +745,7 @@ def exit_rays(
         origin=np.ascontiguousarray(ends.place.T),
         direction=np.ascontiguousarray(ends.direction.T),
         distance=distance[order],
+        thing=ends.thing.astype(np.intp),
         events=ends.events.astype(np.intp),
         path=ends.path.view(np.int64),
         lost=lost,

@@ -6,18 +6,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from ..scene.glasses import read_glasses
+from ..scene.build.own_scenes import find_own_scenes
 from ..scene.names import RefractiveGlassError
-from ..scene.path_keys import path_of
-from ..scene.regions import left_out_pixels, region_masks
-from ..scene.update import effective_shading, status
-from ..scene.viewpoint import border_window, read_viewpoint
-from .cycles import render_reference, samples_setting, scene_depsgraph
+from ..scene.read.glasses import read_glasses
+from ..scene.read.viewpoint import border_window, read_viewpoint
+from ..scene.update import Status, effective_shading, kept_paths, memory_of, status
+from ..scene.vertices.path_keys import path_key, path_of
+from ..scene.vertices.regions import left_out_pixels, region_masks
+from .cycles import render_direct, render_reference, samples_setting, scene_depsgraph
 from .metrics import to_srgb
 from .picture import render_picture
 from .report import MAGNIFICATION, picture_figures, write_report
@@ -71,22 +73,25 @@ def compare(
     report_progress(0.0)
     with _samples(scene, samples):
         composite_samples = getattr(*samples_setting(scene))
-        composite, seconds_composite = _timed(render_picture, scene)
-    found = status(scene)
-    if not found.paths:
-        problems = " ".join(found.problems) or "no light path was computed"
-        raise RefractiveGlassError(f'Scene "{scene.name}" was not composited: {problems}')
-    report_progress(1 / 3)
+        composite, composing = _timed(render_picture, scene)
+        found = status(scene)
+        if not (found.paths or found.covered):
+            problems = " ".join(found.problems) or "no glass covers a pixel"
+            raise RefractiveGlassError(f'Scene "{scene.name}" was not composited: {problems}')
+        engines = _engines(scene)
+        report_progress(1 / 4)
+        _, direct = _timed(render_direct, scene)
+        report_progress(2 / 4)
     references = []
-    seconds = []
+    times = []
     # The scene's own seed, so that noise common to both pictures cancels, and another one.
     for seed in (scene.cycles.seed, scene.cycles.seed + 1):
         picture, duration = _timed(
             render_reference, scene, samples=composite_samples, seed=seed, surface=surface
         )
         references.append(to_srgb(picture))
-        seconds.append(duration)
-        report_progress((1 + len(references)) / 3)
+        times.append(duration)
+        report_progress((2 + len(references)) / 4)
 
     composite = to_srgb(composite)
     # The renders may have evaluated the scene anew.
@@ -100,15 +105,18 @@ def compare(
         "inside": figures.pop("inside", None),
         "outside": figures.pop("outside", None),
         "regions": {name.removeprefix("path "): values for name, values in figures.items()},
-        "seconds_composite": seconds_composite,
-        "seconds_reference": seconds[0],
+        "seconds_composite": composing.wall,
+        "seconds_reference": times[0].wall,
+        "cpu_seconds_direct": direct.cpu,
+        "cpu_seconds_composite": composing.cpu,
+        "cpu_seconds_reference": times[0].cpu,
         "composite_samples": composite_samples,
         "reference_samples": composite_samples,
         "vertices": found.vertices,
-        "paths": list(found.paths),
-        "pixels_left_out": left_out_pixels(
-            scene, scene_depsgraph(scene), tuple(path_of(key) for key in found.paths)
-        ),
+        "paths": _path_names(scene, found),
+        "views": [asdict(view) for view in found.views],
+        "light_unseen": found.unseen,
+        "engines": engines,
         "problems": list(found.problems),
         "engine": scene.render.engine,
         "shading": effective_shading(scene),
@@ -116,15 +124,46 @@ def compare(
         "magnification": MAGNIFICATION,
         "blender_version": bpy.app.version_string,
     }
+    if found.paths:
+        paths = tuple(path_of(key) for key in found.paths)
+        report["pixels_left_out"] = left_out_pixels(scene, scene_depsgraph(scene), paths)
     write_report(folder, report, composite, references[0])
     return report
 
 
-def _timed(function: Callable, *args: object, **kwargs: object) -> tuple[np.ndarray, float]:
-    """The result and the wall time in seconds."""
-    started = time.perf_counter()
+@dataclass(frozen=True)
+class _Time:
+    """Seconds that something took: on the clock, and of this process's cores."""
+
+    wall: float
+    cpu: float
+
+
+def _timed(function: Callable, *args: object, **kwargs: object) -> tuple[np.ndarray, _Time]:
+    """The result and what it took."""
+    wall, cpu = time.perf_counter(), time.process_time()
     result = function(*args, **kwargs)
-    return result, time.perf_counter() - started
+    return result, _Time(time.perf_counter() - wall, time.process_time() - cpu)
+
+
+def _engines(scene: bpy.types.Scene) -> list[str]:
+    """Engines of the scenes of which the last render drew a view layer."""
+    drawn = [s for s in find_own_scenes(scene) if any(layer.use for layer in s.view_layers)]
+    return sorted({s.render.engine for s in (scene, *drawn)})
+
+
+def _path_names(scene: bpy.types.Scene, found: Status) -> list[str]:
+    """The light paths of the picture; in True shading those of closed forms that carry enough."""
+    if found.paths:
+        return list(found.paths)
+    depsgraph = scene_depsgraph(scene)
+    view = read_viewpoint(scene, depsgraph)
+    names = (
+        path_key(path)
+        for glass in read_glasses(depsgraph, [])
+        for path in kept_paths(scene, glass, view)
+    )
+    return list(dict.fromkeys(names))
 
 
 @contextmanager
@@ -148,6 +187,10 @@ def _masks(
     ``picture`` is all of it, ``inside`` what any glass covers, ``outside`` the rest, and
     ``path TTTT`` (and so on) a light path's region; rays that split take several paths.
     """
+    covered = memory_of(scene).covered
+    if covered is not None:
+        # True shading tells pixels, in the picture as it is rendered.
+        return {"picture": np.ones_like(covered), "inside": covered, "outside": ~covered}
     regions = region_masks(scene, depsgraph)
     outside = regions.pop("")
     if surface == "REFRACTION":

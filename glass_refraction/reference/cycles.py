@@ -11,9 +11,9 @@ import numpy as np
 from mathutils import Matrix
 
 from .. import optics
-from ..scene.glasses import Glass, read_glasses
+from ..scene.build.shaders import math_node
 from ..scene.names import TAG, RefractiveGlassError, own
-from ..scene.shaders import math_node
+from ..scene.read.glasses import Glass, read_glasses
 from .glass_mesh import Surface, glass_surfaces
 from .picture import render_picture
 
@@ -95,6 +95,16 @@ def render_reference(
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
             reference.collection.objects.link(obj)
         return render_picture(reference)
+
+
+def render_direct(scene: bpy.types.Scene) -> np.ndarray:
+    """The scene's current frame without its glasses, by its own engine: (H, W, 4) as above."""
+    hidden = [scene.objects[g.name] for g in read_glasses(scene_depsgraph(scene), [])]
+    with _reference_scene(scene) as direct, ExitStack() as temporary:
+        for obj in hidden:
+            temporary.callback(setattr, obj, "hide_render", obj.hide_render)
+            obj.hide_render = True
+        return render_picture(direct)
 
 
 def _dispersed(scene: bpy.types.Scene, glasses: Sequence[Glass], **settings) -> np.ndarray:
@@ -229,8 +239,25 @@ def _glass_object(
     obj = bpy.data.objects.new(mesh.name, mesh)
     temporary.callback(bpy.data.objects.remove, obj)
     obj[TAG] = ROLE
-    obj.matrix_world = Matrix(glass.to_world.tolist())
+    obj.matrix_world = Matrix(glass.to_world.tolist()) @ _shrunk(mesh)
     return obj
+
+
+FILM = 2e-5
+"""Part by which a reference's glass is smaller: where it touches a thing there is a film of air."""
+
+
+def _shrunk(mesh: bpy.types.Mesh) -> Matrix:
+    """Shrinks a mesh towards the middle of its box, by `FILM`.
+
+    A path tracer meets either of two faces in one place; True shading has a film of air there.
+    """
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)).astype(float)
+    matrix = np.diag((1.0 - FILM,) * 3 + (1.0,))
+    matrix[:3, 3] = FILM * middle
+    return Matrix(matrix.tolist())
 
 
 def _kind(glass: Glass, surface: Surface) -> tuple:

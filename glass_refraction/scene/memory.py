@@ -5,16 +5,22 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
-from .. import optics
-from .appearance import Appearance, Source
-from .ray_screen import RayScreen
-from .regions import Regions
-from .sources import Snapshot
-from .tessellation import Probe
+if TYPE_CHECKING:
+    from .. import optics
+    from .plan import Plan
+    from .rays.caster import Caster
+    from .rays.follow import Kept
+    from .rays.frame import ViewReport
+    from .read.glasses import Glass
+    from .read.sources import Snapshot
+    from .vertices.appearance import Appearance, Source
+    from .vertices.regions import Regions
+    from .vertices.tessellation import Probe
 
 counters: Counter[str] = Counter()
 """Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``,
@@ -23,13 +29,26 @@ counters: Counter[str] = Counter()
 
 @dataclass
 class Status:
-    """What the panel shows of a scene's last update."""
+    """What the panel shows of a scene's last update.
+
+    Attributes
+    ----------
+    vertices, paths, bound_px : of displaced copies.
+    views : radiance views of True shading. unseen : part of the light that none of them shows.
+    rays, ways : how many were followed and found. covered : pixels that any glass covers.
+    milliseconds : of the last update. problems : a line for each thing that is not shown.
+    """
 
     vertices: int = 0
     paths: tuple[str, ...] = ()
     milliseconds: float = 0.0
     bound_px: float = 0.0
     problems: list[str] = field(default_factory=list)
+    views: tuple[ViewReport, ...] = ()
+    unseen: float = 0.0
+    rays: int = 0
+    ways: int = 0
+    covered: int = 0
 
 
 @dataclass(frozen=True)
@@ -40,28 +59,47 @@ class Step:
     label: str
 
 
+CopyKey = tuple[int, int, int]
+"""Number of the pane, of the slot, and the source's session uid."""
+
+
 @dataclass
 class Memory:
-    """What was computed for a scene, with the stamps that it was computed from."""
+    """What was computed for a scene, with the stamps that it was computed from.
 
-    regions: dict[str, tuple[tuple, Regions]] = field(default_factory=dict)
-    copies: dict[tuple[str, str, int], tuple[tuple, Source, Appearance]] = field(
-        default_factory=dict
-    )
+    Attributes
+    ----------
+    plan : what the own scenes of displaced copies were made for; None if there are none.
+    regions : pane -> of its light paths.
+    shown : pane -> the glass, and the paths by their slots, as they were at the last update.
+    copies : what each copy holds; no entry where it is empty.
+    occluders : session uid -> of objects that Geometry Nodes cannot take.
+    probes : (pane, path) -> rays of the path.
+    hulls : glass -> stamp of its outline.
+    centre : the rendered frame's own time, once it is known; motion blur asks for others round it.
+    moments : time -> where the vertices of each copy are then.
+    paths : glass and colour -> the paths that are kept.
+    caster : of rays, which knows what stands in its target.
+    kept : ways of rays that the next frame may use.
+    covered : (height, width) pixels of the last picture that a glass covers, in True shading.
+    """
+
+    plan: Plan | None = None
+    regions: dict[int, tuple[tuple, Regions]] = field(default_factory=dict)
+    shown: dict[int, tuple[Glass | None, dict[int, optics.LightPath]]] = field(default_factory=dict)
+    copies: dict[CopyKey, tuple[tuple, Source, Appearance]] = field(default_factory=dict)
     occluders: dict[int, Snapshot] = field(default_factory=dict)
-    probes: dict[tuple[str, optics.LightPath], tuple[tuple, Probe]] = field(default_factory=dict)
-    borders: dict[str, tuple[tuple, tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
-    """Of each glass: the pixels where its paths end, and those that it covers."""
-    ray_screens: dict[str, tuple[tuple, RayScreen]] = field(default_factory=dict)
+    probes: dict[tuple[int, optics.LightPath], tuple[tuple, Probe]] = field(default_factory=dict)
+    hulls: dict[int, tuple | None] = field(default_factory=dict)
     still: tuple | None = None
     centre: float | None = None
-    """The rendered frame's own time, once it is known; motion blur asks for others round it."""
-    moments: dict[float, dict[tuple[str, str, int], np.ndarray]] = field(default_factory=dict)
-    """Where the vertices of each copy are at these times."""
-    paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...], np.ndarray]] = field(
-        default_factory=dict
-    )
-    chains: dict[str, tuple[tuple, tuple[optics.ChainedPath, ...]]] = field(default_factory=dict)
+    moments: dict[float, dict[CopyKey, np.ndarray]] = field(default_factory=dict)
+    paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
+    standing: list[str] = field(default_factory=list)
+    """What was wrong when the scene was prepared; a frame's own problems come on top."""
+    caster: Caster | None = None
+    covered: np.ndarray | None = None
+    kept: Kept | None = None
     status: Status = field(default_factory=Status)
 
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import bpy
 
 from ..scene import update as door
-from ..scene.bake import Baking, free
-from ..scene.bake_files import frame_ranges, geometry_bytes
-from ..scene.bake_playback import baked
+from ..scene.bake.baking import Baking, free
+from ..scene.bake.files import frame_ranges, geometry_bytes
+from ..scene.bake.playback import baked
 from ..scene.names import RefractiveGlassError, own
 
 

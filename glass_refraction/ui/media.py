@@ -12,8 +12,8 @@ import re
 import bpy
 
 from ..optics import MEDIA
-from ..scene.glasses import glass_modifier
-from ..scene.modifier_inputs import read_input, write_input
+from ..scene.read.glasses import glass_modifier
+from ..scene.read.modifier_inputs import read_input, write_input
 
 CUSTOM = "CUSTOM"
 _CLOSE = 5e-5

@@ -12,13 +12,14 @@ from bpy.app.translations import pgettext_rpt as _rpt
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ..scene import update as door
-from ..scene.arrays import positions
-from ..scene.glasses import glass_modifier
-from ..scene.materials import glass_material
-from ..scene.modifier_inputs import write_input
+from ..scene.build.materials import glass_material
 from ..scene.names import MODIFIER, RefractiveGlassError, load_group, own
-from ..scene.profile_curves import wine_profile
+from ..scene.read.arrays import positions
+from ..scene.read.glasses import glass_modifier
+from ..scene.read.modifier_inputs import write_input
+from ..scene.read.profile_curves import wine_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
+from .overlay import show_first_glass
 
 SHAPES = (
     ("SLAB", "Slab", "A flat pane; a mesh's flat face is its outline"),
@@ -261,6 +262,7 @@ class OBJECT_OT_refractive_glass_add(bpy.types.Operator, AddObjectHelper, GlassP
             mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
         obj = object_data_add(context, mesh, operator=self, name="Refractive Glass")
         self.apply(obj, group)
+        show_first_glass(context)
         return {"FINISHED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -310,6 +312,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             self.report({"ERROR"}, problem)
             return {"CANCELLED"}
         self.apply(obj, load_group(MODIFIER))
+        show_first_glass(context)
         return {"FINISHED"}
 
     def _take_size(self, obj: bpy.types.Object) -> None:

@@ -50,25 +50,6 @@ class SceneSettings(bpy.types.PropertyGroup):
         default="GLASS",
         update=_changed,
     )
-    mirrors: bpy.props.EnumProperty(
-        name="Mirrors",
-        description="How things mirrored in the glass are shown (Surface: Glass)",
-        items=(
-            (
-                "RAYS",
-                "Rays",
-                "Cycles follows each pixel's ray straight on from where it leaves the glass: "
-                "sharp, lit where things are, also what the camera does not see",
-            ),
-            (
-                "COPIES",
-                "Copies",
-                "Displaced copies, as along all other paths; large faces are subdivided finely",
-            ),
-        ),
-        default="RAYS",
-        update=_changed,
-    )
     min_weight: bpy.props.FloatProperty(
         name="Minimum Weight",
         description="Light paths that carry less than this part of the light of every ray are "
@@ -90,15 +71,14 @@ class SceneSettings(bpy.types.PropertyGroup):
         subtype="PIXEL",
         update=_changed,
     )
-    lookup_samples: bpy.props.EnumProperty(
-        name="Lookup Samples",
-        description="Places looked up in each pixel, a side (True shading)",
-        items=(
-            ("1", "1 x 1", "Fastest; edges are not smoothed"),
-            ("3", "3 x 3", "Smooth edges"),
-            ("5", "5 x 5", "Smoothest; takes more memory"),
-        ),
-        default="3",
+    captures: bpy.props.IntProperty(
+        name="Captures",
+        description="Cameras at most that are placed to show what is seen through the glasses and "
+        "the picture itself does not show. Each is rendered once more, with as few samples as its "
+        "light allows",
+        default=3,
+        min=0,
+        max=3,
         update=_changed,
     )
     bake_directory: bpy.props.StringProperty(

@@ -23,8 +23,8 @@ import wine  # noqa: E402
 
 import common  # noqa: E402
 from glass_refraction.optics import MEDIA  # noqa: E402
-from glass_refraction.scene.glasses import read_glasses  # noqa: E402
-from glass_refraction.scene.sources import reaches_into  # noqa: E402
+from glass_refraction.scene.read.glasses import read_glasses  # noqa: E402
+from glass_refraction.scene.read.sources import reaches_into  # noqa: E402
 
 SCRIPTS = {
     "verge": verge,

@@ -11,12 +11,14 @@ import pytest
 
 import glass_refraction
 from glass_refraction import handlers
-from glass_refraction.scene import layers as own_layers
 from glass_refraction.scene import update as door
-from glass_refraction.scene.glasses import glass_modifier
-from glass_refraction.scene.layers import find_layers, user_scene_of
-from glass_refraction.scene.modifier_inputs import read_input
+from glass_refraction.scene.build import own_scenes
+from glass_refraction.scene.build.compositor import has_group
+from glass_refraction.scene.build.layers import find_layers
+from glass_refraction.scene.build.own_scenes import user_scene_of
 from glass_refraction.scene.names import NODE_GROUPS, TAG, RefractiveGlassError, own
+from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import read_input
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
 import scenes
@@ -106,8 +108,8 @@ def test_scenes_that_share_a_tree_keep_their_own_nodes(scene):
     door.prepare(other, other.view_layers[0].depsgraph or scenes.depsgraph())
     door.remove(other)
     assert _links(tree) == before
-    assert door.has_group(scene)
-    assert not door.has_group(other)
+    assert has_group(scene)
+    assert not has_group(other)
 
 
 @pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
@@ -121,11 +123,11 @@ def test_a_copied_scene_gets_nodes_of_its_own(scene, kind):
     tree = copied.compositing_node_group
     assert tree != scene.compositing_node_group
     asked = {n.scene for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers"}
-    assert asked == {copied, *find_layers(copied).rendered()}
+    assert asked == {copied, *find_layers(copied).all()}
     assert not {s.name for s in asked} & {s.name for s in find_layers(scene).all()}
     door.remove(copied)
     assert find_layers(scene) is not None
-    assert door.has_group(scene)
+    assert has_group(scene)
 
 
 def test_a_tree_that_the_user_built_on_stays(scene):
@@ -151,7 +153,7 @@ def test_a_tree_that_was_replaced_is_left_without_nodes(scene):
     _prepare(scene)
     assert not any(TAG in n for n in tree.nodes)
     assert _links(tree) == before
-    assert door.has_group(scene)
+    assert has_group(scene)
 
 
 def test_nodes_count_no_scene_as_used_that_they_do_not_use(scene):
@@ -174,7 +176,7 @@ def test_a_renamed_scene_keeps_what_was_made_for_it(scene):
     scene.name = "Another Name"
     _prepare(scene)
     assert find_layers(scene) == before
-    assert door.has_group(scene)
+    assert has_group(scene)
     assert door.counters["structures"]
 
 
@@ -191,7 +193,7 @@ def test_a_deleted_scene_takes_along_what_was_made_for_it(scene):
 def test_a_window_left_on_an_own_scene_shows_the_users_again(scene):
     _prepare(scene)
     window = bpy.context.window_manager.windows[0]
-    window.scene = find_layers(scene).lookup
+    window.scene = find_layers(scene).mask
     handlers.leave_own_scenes()
     assert window.scene == scene
 
@@ -199,10 +201,10 @@ def test_a_window_left_on_an_own_scene_shows_the_users_again(scene):
 def test_an_own_scene_of_another_session_belongs_by_its_name(scene):
     _prepare(scene)
     other = bpy.data.scenes.new("Other")
-    lookup = find_layers(scene).lookup
+    mask = find_layers(scene).mask
     # In the next session another scene may have the number.
-    lookup[own_layers._OWNER] = f"another session {other.session_uid}"
-    assert user_scene_of(lookup) == scene
+    mask[own_scenes._OWNER] = f"another session {other.session_uid}"
+    assert user_scene_of(mask) == scene
 
 
 def test_a_linked_scene_is_refused(scene, tmp_path):
@@ -304,7 +306,7 @@ def test_undo_and_redo_find_only_what_they_know(scene):
         _prepare(scene)
         wall.location.x += 0.01
         bpy.ops.ed.undo_push(message=f"Move {step}")
-        scene.refractive_glass.lookup_samples = "135"[step]
+        scene.refractive_glass.min_weight = 0.01 + 0.01 * step
     for _ in range(3):
         assert bpy.ops.ed.undo() == {"FINISHED"}
     _prepare(bpy.context.scene)
@@ -312,7 +314,7 @@ def test_undo_and_redo_find_only_what_they_know(scene):
     scene = bpy.context.scene
     assert bpy.data.objects["Wall"].location.x == pytest.approx(0.01)
     _prepare(scene)
-    assert door.has_group(scene)
+    assert has_group(scene)
     door.remove(scene)
     assert _links(scene.compositing_node_group) == before
     assert _own_blocks() == []
@@ -378,7 +380,7 @@ def test_a_blender_without_the_extension_opens_renders_and_saves(scene, tmp_path
     scene = bpy.context.scene
     _prepare(scene)
     assert door.status(scene).problems == []
-    sources = {own_layers.source_of(c).name for c in find_layers(scene).copies().values()}
+    sources = {own_scenes.source_of(c).name for c in find_layers(scene).copies().values()}
     assert sources == {"Renamed"}
 
 
@@ -412,6 +414,7 @@ def test_appended_and_linked_glasses_bring_no_own_data(scene, tmp_path):
         here.collection.objects.link(glass)
         scenes.camera()
         scenes.striped_wall(stripes=4)
+        here.refractive_glass.shading = "DISPLACED"
         _prepare(here)
         problems = door.status(here).problems
         assert (find_layers(here) is None) == link

@@ -205,7 +205,7 @@ def test_snells_law_by_cross_products():
         def just_inside(origin, along, middle=middle, radius=radius):
             inside = np.abs(np.linalg.norm(origin - middle, axis=1) - radius) < 1e-9 * radius
             inside &= np.sum((origin - middle) * along, axis=1) < 0.0
-            return np.where(inside, 1e-3 * radius, np.inf)
+            return np.where(inside, 1e-3 * radius, np.inf), np.where(inside, 0, -1)
 
         ends = optics.exit_rays(
             [optics.PlacedGlass(body, moved(*middle))],
@@ -378,14 +378,15 @@ class Floor:
     """A level thing, seen from both sides, and how often it was asked for."""
 
     def __init__(self, height):
-        self.height, self.calls, self.rays = height, 0, 0
+        self.height, self.calls, self.rays, self.number = height, 0, 0, 7
 
     def __call__(self, origin, direction):
         self.calls += 1
         self.rays += len(origin)
         with np.errstate(divide="ignore", invalid="ignore"):
             way = (self.height - origin[:, 2]) / direction[:, 2]
-        return np.where(way > 0.0, way, np.inf)
+        met = way > 0.0
+        return np.where(met, way, np.inf), np.where(met, self.number, -1)
 
     @property
     def box(self):
@@ -410,6 +411,7 @@ def test_a_glass_that_stands_on_a_table_shows_it_through_a_film(rise):
     )
     assert (place[:, 2] >= 1.0 - 1e-6).all()
     seen = np.isfinite(ends.distance)
+    np.testing.assert_array_equal(ends.thing, np.where(seen, table.number, -1))
     np.testing.assert_allclose(place[seen, 2], 1.0, atol=1e-6)
     under = seen & (np.hypot(*place[:, :2].T) < 0.0359)
     assert under.sum() > 50 and (ends.distance[under] < 1e-5).all()
@@ -438,7 +440,7 @@ def test_a_caster_of_few_digits_lets_no_light_through_the_table(size):
         with np.errstate(divide="ignore", invalid="ignore"):
             way = -origin[:, 2] / direction[:, 2]
         way = way + 2.0e-7 * size * rng.uniform(-1.0, 1.0, len(way))
-        return np.where(way > 0.0, way, np.inf)
+        return np.where(way > 0.0, way, np.inf), np.where(way > 0.0, 0, -1)
 
     box = np.array([[(-0.5 * size, -0.5 * size, 0.0), (0.5 * size, 0.5 * size, 0.0)]])
     exact = optics.exit_rays([glass], eye, directions, cast=table, min_weight=0.02)

@@ -226,7 +226,8 @@ def test_facets_are_those_of_ggx():
     """At normal incidence half of the visible normals are within tan = roughness²."""
 
     def just_inside(origin, along):
-        return np.where(np.abs(origin[:, 2]) < 1e-9, 1e-4, np.inf)
+        inside = np.abs(origin[:, 2]) < 1e-9
+        return np.where(inside, 1e-4, np.inf), np.where(inside, 0, -1)
 
     count = 2000
     for roughness in (0.1, 0.2, 0.3):

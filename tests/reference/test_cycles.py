@@ -10,8 +10,8 @@ from mathutils import Euler, Matrix, Vector  # noqa: E402
 
 from glass_refraction.optics import CylinderGlass, FlatGlass, SphereGlass  # noqa: E402
 from glass_refraction.reference.cycles import render_reference  # noqa: E402
-from glass_refraction.scene.glasses import Glass  # noqa: E402
 from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
+from glass_refraction.scene.read.glasses import Glass  # noqa: E402
 
 SIZE = 64
 WALL_Y = 0.25

@@ -47,8 +47,9 @@ def striped_wall(distance=0.3, stripes=24, size=1.0):
 
 
 def settings(width=80, height=60, samples=4, **glass):
-    """A small, plain, repeatable Cycles render."""
+    """A small, plain, repeatable Cycles render of displaced copies."""
     scene = bpy.context.scene
+    glass.setdefault("shading", "DISPLACED")
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = width, height
     scene.render.resolution_percentage = 100

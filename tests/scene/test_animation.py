@@ -73,7 +73,7 @@ def test_a_frame_is_the_same_in_any_order(tmp_path, persistent):
         np.testing.assert_array_equal(run[frame], sub[frame])
 
 
-@pytest.mark.parametrize("shading", ["DISPLACED", "TRUE"])
+@pytest.mark.parametrize("shading", ["DISPLACED"])
 def test_motion_blur_through_a_glass_that_does_not_refract(tmp_path, shading):
     scene, _, glass = _scene(shading=shading, ior=1.0, samples=64)
     scene.render.use_motion_blur = True

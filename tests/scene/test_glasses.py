@@ -9,9 +9,14 @@ import pytest
 import scenes
 
 from glass_refraction import optics
-from glass_refraction.scene.glasses import glass_modifier, read_glass, read_glasses, rigid_pose
-from glass_refraction.scene.modifier_inputs import data_path, has_input, read_input, write_input
 from glass_refraction.scene.names import RefractiveGlassError
+from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses, rigid_pose
+from glass_refraction.scene.read.modifier_inputs import (
+    data_path,
+    has_input,
+    read_input,
+    write_input,
+)
 
 
 def _read(obj):

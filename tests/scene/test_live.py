@@ -13,9 +13,10 @@ import pytest
 import scenes
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.arrays import positions, read_attribute
-from glass_refraction.scene.layers import find_layers, source_of
-from glass_refraction.scene.viewpoint import read_viewpoint
+from glass_refraction.scene.build.layers import find_layers
+from glass_refraction.scene.build.own_scenes import source_of
+from glass_refraction.scene.read.arrays import positions, read_attribute
+from glass_refraction.scene.read.viewpoint import read_viewpoint
 
 TOLERANCE_PX = 0.25
 
@@ -29,7 +30,7 @@ def _scene(shape="CYLINDER", **values):
     ball = bpy.context.object
     glass = scenes.glass(shape=shape, **values)
     scene = scenes.settings(
-        200, 150, surface="REFRACTION", shading="TRUE", tolerance_px=TOLERANCE_PX
+        200, 150, surface="REFRACTION", shading="DISPLACED", tolerance_px=TOLERANCE_PX
     )
     return scene, ball, glass
 
@@ -177,7 +178,7 @@ def _glass_animated(scene, ball, glass):
 
 
 def _glass_reshaped(scene, ball, glass):
-    from glass_refraction.scene.modifier_inputs import write_input
+    from glass_refraction.scene.read.modifier_inputs import write_input
 
     write_input(glass.modifiers[0], "IOR", 1.7)
     write_input(glass.modifiers[0], "Radius", 0.05)
@@ -282,7 +283,7 @@ def test_memory_stays_flat_over_a_long_playback():
 def test_a_live_move_asks_for_few_points():
     """Of a fine mesh a live update solves the vertices, and middles of a few edges only."""
     from glass_refraction import optics
-    from glass_refraction.scene import appearance
+    from glass_refraction.scene.vertices import appearance
 
     scene, ball, _ = _scene()
     _follow(scene)

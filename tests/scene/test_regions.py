@@ -10,11 +10,12 @@ from mathutils.bvhtree import BVHTree
 
 from glass_refraction import optics
 from glass_refraction.reference.glass_mesh import glass_surfaces
-from glass_refraction.scene.glasses import read_glasses
-from glass_refraction.scene.hull import faces_eye, first_face
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.region_map import write_region_map
-from glass_refraction.scene.regions import (
+from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.viewpoint import read_viewpoint
+from glass_refraction.scene.vertices.hull import faces_eye, first_face
+from glass_refraction.scene.vertices.region_map import write_region_map
+from glass_refraction.scene.vertices.regions import (
     FILTER_WIDTH,
     SUPPORT,
     blackman_harris,
@@ -23,7 +24,6 @@ from glass_refraction.scene.regions import (
     picture_rect,
     region_masks,
 )
-from glass_refraction.scene.viewpoint import read_viewpoint
 
 
 def _case(size=(96, 72), **values):

@@ -7,8 +7,8 @@ import pytest
 import scenes
 
 from glass_refraction.optics import fresnel
-from glass_refraction.scene.glasses import glass_modifier
-from glass_refraction.scene.modifier_inputs import write_input
+from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import write_input
 
 TINT = np.array([0.9, 0.5, 0.2])
 
@@ -75,7 +75,7 @@ def test_a_balls_shadow_is_darkest_in_the_middle(tmp_path):
 def test_the_glass_itself_stays_out_of_the_picture(tmp_path):
     scenes.camera()
     scenes.striped_wall()
-    scene = scenes.settings(64, 48, surface="GLASS", shading="TRUE")
+    scene = scenes.settings(64, 48, surface="GLASS", shading="DISPLACED")
     obj = scenes.glass(shape="CYLINDER")
     without = scenes.picture(scene, tmp_path)
     write_input(glass_modifier(obj), "Casts Shadow", True)

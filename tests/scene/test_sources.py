@@ -5,11 +5,16 @@ import bpy
 import numpy as np
 import scenes
 
-from glass_refraction.scene.arrays import read_attribute
-from glass_refraction.scene.glasses import glass_modifier
-from glass_refraction.scene.modifier_inputs import write_input
 from glass_refraction.scene.names import COPY_GROUP, load_group
-from glass_refraction.scene.sources import pieces, seen_through, source_objects, world_positions
+from glass_refraction.scene.read.arrays import read_attribute
+from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.sources import (
+    pieces,
+    seen_through,
+    source_objects,
+    world_positions,
+)
 
 
 def _names(problems=None):

@@ -7,14 +7,14 @@ import pytest
 import scenes
 
 from glass_refraction import optics
-from glass_refraction.scene.appearance import Solver
-from glass_refraction.scene.arrays import corner_normals, read_attribute
-from glass_refraction.scene.glasses import read_glasses
-from glass_refraction.scene.mesh_arrays import read_source_mesh, write_mesh
-from glass_refraction.scene.regions import picture_rect
-from glass_refraction.scene.sources import pieces
-from glass_refraction.scene.tessellation import Triangles, refine, region_probe
-from glass_refraction.scene.viewpoint import read_viewpoint
+from glass_refraction.scene.read.arrays import corner_normals, read_attribute
+from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.mesh_arrays import read_source_mesh, write_mesh
+from glass_refraction.scene.read.sources import pieces
+from glass_refraction.scene.read.viewpoint import read_viewpoint
+from glass_refraction.scene.vertices.appearance import Solver
+from glass_refraction.scene.vertices.regions import picture_rect
+from glass_refraction.scene.vertices.tessellation import Triangles, refine, region_probe
 
 
 def _grid(n=4):

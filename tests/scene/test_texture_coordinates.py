@@ -14,13 +14,9 @@ import bmesh  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 from glass_refraction.reference.picture import render_picture  # noqa: E402
-from glass_refraction.scene import names, texture_coordinates  # noqa: E402
-from glass_refraction.scene.arrays import write_attribute  # noqa: E402
-from glass_refraction.scene.mesh_arrays import read_source_mesh, write_mesh  # noqa: E402
-from glass_refraction.scene.modifier_inputs import write_input  # noqa: E402
-from glass_refraction.scene.sources import pieces, world_positions  # noqa: E402
-from glass_refraction.scene.tessellation import Triangles  # noqa: E402
-from glass_refraction.scene.texture_coordinates import (  # noqa: E402
+from glass_refraction.scene import names  # noqa: E402
+from glass_refraction.scene.build import texture_coordinates  # noqa: E402
+from glass_refraction.scene.build.texture_coordinates import (  # noqa: E402
     coordinates,
     dress,
     dressed_coordinates,
@@ -29,6 +25,11 @@ from glass_refraction.scene.texture_coordinates import (  # noqa: E402
     substitute,
     write_coordinates,
 )
+from glass_refraction.scene.read.arrays import write_attribute  # noqa: E402
+from glass_refraction.scene.read.mesh_arrays import read_source_mesh, write_mesh  # noqa: E402
+from glass_refraction.scene.read.modifier_inputs import write_input  # noqa: E402
+from glass_refraction.scene.read.sources import pieces, world_positions  # noqa: E402
+from glass_refraction.scene.vertices.tessellation import Triangles  # noqa: E402
 
 SIZE = 32
 MOVED = (3, -2, 1)

@@ -7,7 +7,8 @@ import pytest
 import scenes
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.layers import ROLES, find_layers
+from glass_refraction.scene.build.layers import ROLES, find_layers
+from glass_refraction.scene.build.own_scenes import source_of
 from glass_refraction.scene.names import RefractiveGlassError, own
 
 
@@ -76,8 +77,7 @@ def test_a_moved_camera_costs_everything():
 
     found = _counted(move)
     assert found["solves"] == 1
-    # The paths' weights, and the rays where they end.
-    assert found["masks"] == 2
+    assert found["masks"] == 1
 
 
 def test_a_render_after_an_update_solves_nothing(tmp_path):
@@ -160,18 +160,23 @@ def test_the_users_scene_gets_no_layer_collection_or_object():
     assert {c.name for c in scene.collection.children_recursive} == collections
 
 
+def _sources(scene):
+    """Names of the objects that have copies."""
+    return {source_of(copy).name for copy in find_layers(scene).copies().values()}
+
+
 def test_sources_come_and_go():
     scene, _, _ = _scene()
     bpy.ops.mesh.primitive_cube_add(size=0.02, location=(0, 0.2, 0.05))
     cube = bpy.context.object
     _update()
-    assert len(find_layers(scene).copies()) == 2
+    assert _sources(scene) == {"Wall", "Cube"}
     bpy.data.objects.remove(cube)
     _update()
-    assert len(find_layers(scene).copies()) == 1
+    assert _sources(scene) == {"Wall"}
     bpy.ops.mesh.primitive_cube_add(size=0.02, location=(0, 0.2, 0.05))
     _update()
-    assert len(find_layers(scene).copies()) == 2
+    assert _sources(scene) == {"Wall", "Cube"}
 
 
 def test_renamed_things_stay_together():
@@ -180,7 +185,7 @@ def test_renamed_things_stay_together():
     glass.name, wall.name, scene.name = "Cup", "Backdrop", "Still Life"
     _update()
     assert len([s for s in bpy.data.scenes if own(s)]) == len(ROLES)
-    assert len(find_layers(scene).copies()) == 1
+    assert _sources(scene) == {"Backdrop"}
 
 
 def _no_camera(scene, glass, wall):
@@ -240,9 +245,10 @@ def test_two_scenes_do_not_mix():
     scenes.camera()
     scenes.striped_wall()
     scenes.glass(shape="ROD")
+    scenes.settings()
     _update()
-    assert find_layers(scene).lookup == first.lookup
-    assert find_layers(other).lookup != first.lookup
+    assert find_layers(scene).mask == first.mask
+    assert find_layers(other).mask != first.mask
 
 
 def test_image_of_a_still_scene_is_the_same_after_reload(tmp_path):
@@ -257,7 +263,7 @@ def test_image_of_a_still_scene_is_the_same_after_reload(tmp_path):
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
 def test_own_scenes_settings_are_written_where_they_differ_only(engine):
     """A write tells all open views; in a render's thread that has crashed Blender."""
-    scene, *_ = _scene(shading="TRUE", surface="GLASS")
+    scene, *_ = _scene(shading="DISPLACED", surface="GLASS")
     scene.render.engine = engine
     scene.render.use_border = False
     scene.render.resolution_x = 90

@@ -9,7 +9,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.viewpoint import border_window, read_viewpoint
+from glass_refraction.scene.read.viewpoint import border_window, read_viewpoint
 
 CAMERAS = [
     {},

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from glass_refraction.optics import MEDIA
-from glass_refraction.scene.glasses import glass_modifier, read_glass
-from glass_refraction.scene.modifier_inputs import read_input, write_input
+from glass_refraction.scene.read.glasses import glass_modifier, read_glass
+from glass_refraction.scene.read.modifier_inputs import read_input, write_input
 from glass_refraction.ui import media
 from glass_refraction.ui.presets import PRESETS
 

@@ -5,8 +5,8 @@ import bpy
 import pytest
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.glasses import glass_modifier
-from glass_refraction.scene.modifier_inputs import write_input
+from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import write_input
 from glass_refraction.ui import menus, panels, presets
 
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from ... import optics
 from ...scene import update as door
-from ...scene.glasses import read_glasses
-from ...scene.layers import find_layers
-from ...scene.regions import path_regions, picture_rect, region_masks
-from ...scene.sources import pieces, source_objects, world_positions
-from ...scene.viewpoint import read_viewpoint
+from ...scene.build.layers import find_layers
+from ...scene.read.glasses import read_glasses
+from ...scene.read.sources import pieces, source_objects, world_positions
+from ...scene.read.viewpoint import read_viewpoint
+from ...scene.vertices.regions import path_regions, picture_rect, region_masks
 from ..cycles import scene_depsgraph
 from ..metrics import psnr, to_srgb
 from .measure import seconds

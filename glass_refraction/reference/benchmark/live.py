@@ -12,11 +12,11 @@ import numpy as np
 
 from ... import optics
 from ...scene import update as door
-from ...scene.arrays import positions
-from ...scene.glasses import read_glasses, unbounded
-from ...scene.layers import Layers, find_layers
-from ...scene.regions import path_regions
-from ...scene.viewpoint import read_viewpoint
+from ...scene.build.layers import Layers, find_layers
+from ...scene.read.arrays import positions
+from ...scene.read.glasses import read_glasses, unbounded
+from ...scene.read.viewpoint import read_viewpoint
+from ...scene.vertices.regions import path_regions
 from . import newton
 from .cases import BEHIND_HOLLOW, HOLLOW
 from .forward import angles_px
@@ -106,7 +106,7 @@ class _Playback:
         view_layer.update()
         door.prepare(scene, view_layer.depsgraph, strict=True)
         self.layers: Layers = find_layers(scene)
-        (self.copy,) = self.layers.copies().values()
+        self.copy = next(c for (_, slot, _), c in self.layers.copies().items() if slot == 0)
         self.shown_in = next(
             layer for layer in self.layers.displaced.view_layers if self.copy.name in layer.objects
         )

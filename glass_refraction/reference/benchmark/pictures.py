@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ...scene import update as door
-from ...scene.regions import region_masks
+from ...scene.vertices.regions import region_masks
 from ..cycles import render_reference, samples_setting, scene_depsgraph
 from ..metrics import flip, masked_mean, to_srgb
 from ..picture import render_picture
@@ -113,7 +113,7 @@ def _scene(settings: Settings, path: Path, surface: str | None = None) -> dict:
     }
 
 
-DEFAULTS = {"shading": "TRUE", "lookup_samples": "3", "min_weight": 0.01}
+DEFAULTS = {"shading": "TRUE", "min_weight": 0.01}
 
 
 def _variants(
@@ -128,8 +128,6 @@ def _variants(
     )
     if settings.size != "full" or not whole:
         return
-    yield "true, 1 x 1 lookups", {"lookup_samples": "1"}, (16,)
-    yield "true, 5 x 5 lookups", {"lookup_samples": "5"}, (16,)
     if surface == "GLASS":
         yield "true, paths over 5 %", {"min_weight": 0.05}, (16,)
         yield "true, paths over 0.3 %", {"min_weight": 0.003}, (16,)

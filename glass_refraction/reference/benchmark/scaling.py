@@ -109,7 +109,7 @@ def _paths(settings: Settings) -> list[dict]:
 
 def _pixels(settings: Settings, size: tuple[int, int]) -> dict:
     """Weights of all pixels that the hollow glass covers, edges smooth."""
-    from ...scene.regions import path_regions
+    from ...scene.vertices.regions import path_regions
     from .views import standing, viewpoint
 
     width, height = size

@@ -87,7 +87,7 @@ def grid(corner, side, other, cells: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _refined(glass, path, eye, points, triangles, tolerance_px):
     """The product's own refinement of a mesh: seconds, points and triangles."""
-    from ...scene.tessellation import Images, Triangles, refine, region_probe
+    from ...scene.vertices.tessellation import Images, Triangles, refine, region_probe
     from .views import standing, viewpoint
 
     view = viewpoint(eye, points.mean(axis=0), FOCAL_PX, SIZE)

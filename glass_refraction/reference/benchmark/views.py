@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...optics.glasses import Glass as Description
-from ...scene.glasses import Glass
-from ...scene.viewpoint import Viewpoint
+from ...scene.read.glasses import Glass
+from ...scene.read.viewpoint import Viewpoint
 
 
 def viewpoint(eye, target, focal_px: float, size: tuple[int, int]) -> Viewpoint:

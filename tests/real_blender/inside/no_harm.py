@@ -228,7 +228,7 @@ def _dump_block(block, whole):
 
 
 def _dump_inputs(modifier):
-    place = module("scene.modifier_inputs")
+    place = module("scene.read.modifier_inputs")
     lines = []
     for item in modifier.node_group.interface.items_tree:
         if item.item_type != "SOCKET" or item.in_out != "INPUT" or item.hide_in_modifier:
@@ -329,7 +329,7 @@ def check_own():
     glasses = {s.name: [o for o in s.objects if is_glass(o)] for s in bpy.data.scenes if not own(s)}
     for name, block in blocks.items():
         if isinstance(block, bpy.types.Scene):
-            owner = module("scene.layers").user_scene_of(block)
+            owner = module("scene.build.own_scenes").user_scene_of(block)
             assert owner is not None and glasses[owner.name], f"{name}: no glass in its scene"
     if not any(is_glass(o) for o in bpy.data.objects):
         left = [n for n, b in blocks.items() if b[TAG] not in OF_A_GLASS]
@@ -532,7 +532,7 @@ def collection(walk):
         if any(map(is_glass, found.all_objects)):
             return
         if glass is not None and glass.library is None:
-            place = module("scene.modifier_inputs")
+            place = module("scene.read.modifier_inputs")
             modifier = next(m for m in glass.modifiers if m.type == "NODES")
             place.write_input(modifier, "Seen Through", found)
 
@@ -633,7 +633,7 @@ def settings(walk):
     elif way == 1:
         settings.shading = "TRUE" if settings.shading == "DISPLACED" else "DISPLACED"
     else:
-        settings.lookup_samples = walk.random.choice(["1", "3", "5"])
+        settings.min_weight = walk.random.choice([0.01, 0.02, 0.05])
 
 
 def engine(walk):

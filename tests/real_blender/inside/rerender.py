@@ -13,7 +13,7 @@ import bpy
 FOLDER = Path(sys.argv[-1])
 CHANGES = (
     {},
-    {"lookup_samples": "1"},
+    {"min_weight": 0.02},
     {"surface": "GLASS"},
     {"shading": "DISPLACED"},
     {"enabled": False},

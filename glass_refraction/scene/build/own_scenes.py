@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scenes of the extension's own: made, given the user's settings, found again and removed.
+
+An own scene belongs to one scene of the user's, has a *role* and a number among its role's. It is
+rendered because the user's compositor tree asks for it. Nothing is ever added to the user's own
+view layers or collections.
+"""
+
+from __future__ import annotations
+
+import math
+import uuid
+from collections.abc import Iterable, Mapping
+
+import bpy
+
+from ..bake.files import BAKE
+from ..memory import counters
+from ..names import TAG, hidden_name, load_group, own
+from ..read.glasses import glass_modifier
+from ..read.modifier_inputs import has_input, read_input, write_input
+from ..read.sources import is_carried
+
+NUMBER = "refractive_glass_number"
+"""Custom property of own scenes: which one of its role it is."""
+
+_OWNER = "refractive_glass_owner"
+_SCENE = "refractive_glass_name"
+
+_SESSION = uuid.uuid4().hex
+"""Blender numbers data-blocks anew in each session: in another this number is another's."""
+
+
+def owner_of(scene: bpy.types.Scene) -> str:
+    """What tells the user's scene from all others in this session, whatever it is called."""
+    return f"{_SESSION} {scene.session_uid}"
+
+
+def own_scene(scene: bpy.types.Scene, role: str, number: int = 0) -> bpy.types.Scene:
+    """The own scene of a user's scene in that role; made if it is not there yet."""
+    found = next((s for s in find_own_scenes(scene, (role,)) if s[NUMBER] == number), None)
+    if found is not None:
+        return found
+    made = bpy.data.scenes.new(hidden_name(role, str(number), scene.name))
+    made[TAG], made[NUMBER] = role, number
+    made[_SCENE], made[_OWNER] = scene.name, owner_of(scene)
+    return made
+
+
+def find_own_scenes(
+    scene: bpy.types.Scene, roles: Iterable[str] | None = None
+) -> list[bpy.types.Scene]:
+    """The own scenes of a user's scene, by role and number; of these roles, if any are given."""
+    wanted = None if roles is None else set(roles)
+    found = [
+        candidate
+        for candidate in bpy.data.scenes
+        # What was linked with a library's scene is the library's.
+        if own(candidate)
+        and not candidate.library
+        and (wanted is None or candidate[TAG] in wanted)
+        and user_scene_of(candidate) == scene
+    ]
+    return sorted(found, key=lambda s: (s[TAG], s.get(NUMBER, 0)))
+
+
+def user_scene_of(own_scene: bpy.types.Scene) -> bpy.types.Scene | None:
+    """The user's scene that an own scene belongs to."""
+    users = [scene for scene in bpy.data.scenes if not own(scene)]
+    for scene in users:
+        if own_scene.get(_OWNER) == owner_of(scene):
+            return scene
+    # From a file.
+    for scene in users:
+        if _plays_back(scene, own_scene):
+            return scene
+    return next((s for s in users if (s.name, s.library) == (own_scene[_SCENE], None)), None)
+
+
+def _plays_back(scene: bpy.types.Scene, own_scene: bpy.types.Scene) -> bool:
+    """Whether the scene shows the own scene baked, be it renamed or without a glass meanwhile."""
+    group, tree = own_scene.get(BAKE), scene.compositing_node_group
+    if group is None or tree is None:
+        return False
+    return any(n.get(TAG) == "group" and n.node_tree == group for n in tree.nodes)
+
+
+def remove_own_scenes(scene: bpy.types.Scene, roles: Iterable[str] | None = None) -> None:
+    """Remove own scenes of a user's scene with everything in them that is the extension's."""
+    for found in find_own_scenes(scene, roles):
+        _remove_scene(found)
+
+
+def remove_leftovers() -> None:
+    """Remove what the extension made and nothing needs any more, in any scene.
+
+    Own scenes of scenes that were deleted or have no glass any more, and own data-blocks without a
+    user. Not while a render goes on: Blender 5.2 crashes where one finds a node group freed.
+    """
+    for candidate in [s for s in bpy.data.scenes if own(s) and not s.library]:
+        owner = user_scene_of(candidate)
+        if owner is None or not (_has_glass(owner) or _plays_back(owner, candidate)):
+            _remove_scene(candidate)
+    kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections, bpy.data.node_groups)
+    kinds += (bpy.data.materials, bpy.data.images, bpy.data.lights, bpy.data.cameras)
+    removed = True
+    while removed:
+        # What goes may have been the last to hold another.
+        removed = False
+        for blocks in kinds:
+            for block in [b for b in blocks if b.users == 0 and own(b) and not b.library]:
+                blocks.remove(block)
+                removed = True
+
+
+def _has_glass(scene: bpy.types.Scene) -> bool:
+    """Whether any glass may be shown in the scene, be it by an instance of its collection."""
+    objects = set(scene.objects)
+    for empty in scene.objects:
+        if empty.instance_collection is not None:
+            objects.update(empty.instance_collection.all_objects)
+    return any(obj.type == "MESH" and glass_modifier(obj) is not None for obj in objects)
+
+
+def _remove_scene(own_scene: bpy.types.Scene) -> None:
+    # Where the user's scene is gone, what was in it is the user's to keep.
+    owner = user_scene_of(own_scene)
+    keep = owner is None or own_scene.get(_OWNER) != owner_of(owner)
+    for collection in [c for c in own_scene.collection.children if own(c)]:
+        for obj in list(collection.objects):
+            if own(obj):
+                remove_object(obj, keep=keep)
+        if not keep:
+            match_linked(collection, set())
+        bpy.data.collections.remove(collection)
+    # Workbench and EEVEE keep a scene's depsgraph after a compositor rendered it, and Blender walks
+    # through all depsgraphs whenever nodes are linked: it crashed where the scene was freed. This
+    # setting has the engine freed.
+    own_scene.render.use_persistent_data = False
+    bpy.data.scenes.remove(own_scene)
+
+
+def remove_object(obj: bpy.types.Object, *, keep: bool = False) -> None:
+    """Remove an own object and its data.
+
+    ``keep``: what of the user's only this object still held stays in the file.
+    """
+    data = obj.data
+    source = source_of(obj) if obj.modifiers else None
+    bpy.data.objects.remove(obj)
+    if data is not None and data.users == 0 and own(data):
+        _DATA[type(data)]().remove(data)
+    if source is not None and not keep:
+        _let_go(source)
+
+
+_DATA = {
+    bpy.types.Mesh: lambda: bpy.data.meshes,
+    bpy.types.Camera: lambda: bpy.data.cameras,
+}
+"""Where the data of own objects is kept."""
+
+
+def _let_go(obj: bpy.types.Object) -> None:
+    """Remove an object of the user's that only the extension still held.
+
+    Deleted by the user, who could not know that: Blender unlinks what is in use elsewhere.
+    """
+    if obj.users == 0:
+        bpy.data.objects.remove(obj)
+
+
+def source_of(carrier: bpy.types.Object) -> bpy.types.Object | None:
+    """The object that an own object shows; None for a baked object that has no source."""
+    modifier = carrier.modifiers[0]
+    if own(modifier.node_group, "baked") or not has_input(modifier, "Source"):
+        return None
+    return read_input(modifier, "Source")
+
+
+def new_collection(role: str, scene: bpy.types.Scene) -> bpy.types.Collection:
+    """A new own collection in an own scene."""
+    collection = bpy.data.collections.new(hidden_name(role))
+    collection[TAG] = role
+    scene.collection.children.link(collection)
+    return collection
+
+
+def child_collection(scene: bpy.types.Scene, role: str) -> bpy.types.Collection:
+    """The first own collection of that role in an own scene."""
+    return next(c for c in scene.collection.children if own(c, role))
+
+
+def new_object(role: str, data: bpy.types.ID, collection, *parts: str) -> bpy.types.Object:
+    """A new own object, in an own collection, with own data."""
+    data[TAG] = role
+    obj = bpy.data.objects.new(hidden_name(role, *parts), data)
+    obj[TAG] = role
+    collection.objects.link(obj)
+    return obj
+
+
+def new_carrier(
+    role: str, group: str, source: bpy.types.Object, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    """A new own mesh object whose node group takes another object's mesh."""
+    mesh = bpy.data.meshes.new(hidden_name(role, source.name))
+    obj = new_object(role, mesh, collection, source.name)
+    modifier = obj.modifiers.new(group, "NODES")
+    modifier.node_group = load_group(group)
+    write_input(modifier, "Source", source)
+    if role == "occluder":
+        write_input(modifier, "Carried", is_carried(source))
+    return obj
+
+
+def match_linked(collection: bpy.types.Collection, wanted: set[bpy.types.Object]) -> None:
+    """Link exactly these of the user's own objects to an own collection."""
+    for obj in [o for o in collection.objects if o not in wanted]:
+        collection.objects.unlink(obj)
+        _let_go(obj)
+    for obj in wanted - set(collection.objects):
+        collection.objects.link(obj)
+
+
+def show_only(view_layer: bpy.types.ViewLayer, *shown: bpy.types.Collection) -> None:
+    """Exclude all other collections from an own view layer."""
+    synchronise(view_layer)
+    for child in view_layer.layer_collection.children:
+        exclude = child.collection not in shown
+        if child.exclude != exclude:
+            child.exclude = exclude
+
+
+def synchronise(view_layer: bpy.types.ViewLayer) -> None:
+    """Have Blender bring the layer's collections and objects up to date.
+
+    Blender 5.2 puts that off, and does not make up for it when a render starts: the first layer of
+    a new scene has no collections, and rendering such a layer crashes. Asking for the active
+    collection does it, without an evaluation.
+    """
+    _ = view_layer.active_layer_collection
+
+
+GROUPS = ("render", "cycles", "eevee", "display")
+"""The groups of settings that :func:`match_settings` copies, as attributes of a scene."""
+
+
+def match_settings(
+    scene: bpy.types.Scene,
+    own_scene: bpy.types.Scene,
+    overrides: Mapping[str, Mapping[str, object]],
+) -> None:
+    """Give an own scene the user's render settings, camera, world and frame, but for some.
+
+    Only what differs is written: a write in a render's thread has all open views told, and a
+    3D view with its own engine then crashes Blender 5.2, for want of a graphics context there.
+
+    Parameters
+    ----------
+    overrides : group -> setting -> value. Groups: those of ``GROUPS``, ``display.shading``, and
+        ``scene`` for the scene's own (``camera``, ``world``).
+    """
+    _copy_properties(scene.render, own_scene.render, overrides.get("render", {}))
+    for name in GROUPS[1:]:
+        # A build of Blender may lack Cycles.
+        if hasattr(scene, name):
+            source, target = getattr(scene, name), getattr(own_scene, name)
+            nested = {
+                key.partition(".")[2]: values
+                for key, values in overrides.items()
+                if key.startswith(f"{name}.")
+            }
+            _copy_properties(source, target, overrides.get(name, {}), nested)
+    plain = {name: getattr(scene, name) for name in ("camera", "world", "frame_current")}
+    for name, value in (plain | dict(overrides.get("scene", {}))).items():
+        write_setting(own_scene, name, value)
+
+
+_WARNING = {"wireframe_color_type"}
+"""Of wireframes alone, and Blender warns whenever a scene's is read."""
+_NESTED = {"shading", "ray_tracing_options"}
+"""Groups of settings within a group that are copied too."""
+
+
+def _copy_properties(source, target, others: Mapping[str, object], nested=None) -> None:
+    """Copy the plain settings of one property group to another; ``others`` have their own value."""
+    nested = nested or {}
+    for prop in source.bl_rna.properties:
+        name = prop.identifier
+        if prop.type == "POINTER":
+            if name in _NESTED:
+                _copy_properties(getattr(source, name), getattr(target, name), nested.get(name, {}))
+            continue
+        if prop.is_readonly or prop.type == "COLLECTION" or name in _WARNING:
+            continue
+        value = others[name] if name in others else getattr(source, name)
+        # A dynamic enum reads as empty where its present items do not hold the stored one.
+        if not (prop.type == "ENUM" and value == ""):
+            write_setting(target, name, value)
+
+
+def write_setting(target, name: str, value) -> None:
+    """Set a property that has another value."""
+    present = getattr(target, name)
+    if isinstance(value, float):
+        # Blender may keep it in single precision.
+        same = math.isclose(value, present, rel_tol=1e-6, abs_tol=1e-12)
+    elif hasattr(value, "__len__") and not isinstance(value, (str, set)):
+        same = tuple(value) == tuple(present)
+    else:
+        same = value == present
+    if not same:
+        counters["settings"] += 1
+        setattr(target, name, value)

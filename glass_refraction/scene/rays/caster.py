@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rays against triangles by Geometry Nodes' Raycast: one evaluated modifier is one batch.
+
+The rays and their target lie in a scene of the extension's own, which has a dependency graph of
+its own: it can be evaluated within a render's frame-change handler, where the user's must not be.
+The target's tree of bounding boxes stays until its triangles change.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..build.own_scenes import new_object
+from ..memory import counters
+from ..names import TAG, hidden_name, own
+from .things import Things
+
+FAR = 1e30
+"""Stands for no hit, in units of the caster's scale; float32 holds it."""
+_DIRECTION = "ray"
+"""Attribute of the rays' points: their direction; the cast puts its answer there."""
+_FACE = "face"
+"""Attribute of the target's triangles: their number."""
+
+
+class Caster:
+    """Casts batches of rays against one soup of triangles.
+
+    Rays and triangles are handed to Blender as float32, from a centre and in a unit that suit the
+    glasses: what lies far from the world's origin keeps its digits.
+    """
+
+    def __init__(self, scene: bpy.types.Scene) -> None:
+        self._scene = scene
+        self._things: Things | None = None
+        self._centre, self._scale = np.zeros(3), 1.0
+
+    def is_of(self, scene: bpy.types.Scene) -> bool:
+        """Whether this caster works in that own scene."""
+        return self._scene == scene
+
+    def _object(self, role: str) -> bpy.types.Object:
+        return next(o for o in self._scene.collection.all_objects if own(o, role))
+
+    def aim(self, things: Things, centre: np.ndarray, scale: float) -> None:
+        """Take other triangles as the target, unless they are the same."""
+        placed = np.array_equal(centre, self._centre) and scale == self._scale
+        if placed and things.same(self._things):
+            self._things = things
+            return
+        self._things, self._centre, self._scale = things, np.array(centre, float), float(scale)
+        local = ((things.points - self._centre) / self._scale).astype(np.float32)
+        target = self._object("target")
+        _fill(target.data, local, things.triangles)
+        target.update_tag()
+        counters["targets"] += 1
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where rays first meet a triangle.
+
+        Parameters
+        ----------
+        origins, directions : (M, 3), world; directions are unit vectors.
+
+        Returns
+        -------
+        distances : (M,) metres, infinite where nothing is met.
+        triangles : (M,) their numbers, −1 where nothing is met.
+        """
+        total = len(origins)
+        distances, triangles = np.full(total, np.inf), np.full(total, -1, np.intp)
+        if not total or self._things is None or not len(self._things.triangles):
+            return distances, triangles
+        counters["casts"] += 1
+        counters["cast_rays"] += total
+        local = ((origins - self._centre) / self._scale).astype(np.float32)
+        rays = self._object("rays")
+        mesh = rays.data
+        if len(mesh.vertices) != total:
+            mesh.clear_geometry()
+            mesh.vertices.add(total)
+            mesh.attributes.new(_DIRECTION, "FLOAT_VECTOR", "POINT")
+        mesh.attributes["position"].data.foreach_set("vector", local.ravel())
+        ways = np.ascontiguousarray(directions, np.float32)
+        mesh.attributes[_DIRECTION].data.foreach_set("vector", ways.ravel())
+        mesh.update()
+        rays.update_tag()
+        layer = self._scene.view_layers[0]
+        layer.update()
+        found = rays.evaluated_get(layer.depsgraph).data.attributes[_DIRECTION]
+        answer = np.empty((total, 3), np.float32)
+        found.data.foreach_get("vector", answer.ravel())
+        hit = answer[:, 0] < FAR
+        distances[hit] = answer[hit, 0].astype(float) * self._scale
+        triangles[hit] = answer[hit, 1].astype(np.intp)
+        return distances, triangles
+
+
+def _fill(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -> None:
+    """Make the mesh these triangles, each with its number."""
+    mesh.clear_geometry()
+    count = len(triangles)
+    mesh.vertices.add(len(points))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points).ravel())
+    mesh.loops.add(3 * count)
+    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(triangles).ravel())
+    mesh.polygons.add(count)
+    mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
+    numbers = mesh.attributes.new(_FACE, "INT", "FACE")
+    numbers.data.foreach_set("value", np.arange(count, dtype=np.int32))
+    mesh.update(calc_edges=False)
+
+
+def fill_cast_collection(collection: bpy.types.Collection) -> None:
+    """Put the target, the rays and the node tree that casts them into an own collection."""
+    objects = {
+        role: new_object(role, bpy.data.meshes.new(hidden_name(role)), collection)
+        for role in ("target", "rays")
+    }
+    modifier = objects["rays"].modifiers.new("Raycast", "NODES")
+    modifier.node_group = _cast_tree(objects["target"])
+
+
+def _cast_tree(target: bpy.types.Object) -> bpy.types.NodeTree:
+    """Writes distance and number of the triangle first met into each point's attribute.
+
+    One vector holds both: each attribute that is stored would cast the rays again.
+    """
+    tree = bpy.data.node_groups.new(hidden_name("cast"), "GeometryNodeTree")
+    tree[TAG] = "cast"
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    new, link = tree.nodes.new, tree.links.new
+    info = new("GeometryNodeObjectInfo")
+    info.inputs["Object"].default_value = target
+    # The original mesh keeps its tree of boxes from one cast to the next.
+    info.transform_space = "ORIGINAL"
+    direction, number = (
+        new("GeometryNodeInputNamedAttribute"),
+        new("GeometryNodeInputNamedAttribute"),
+    )
+    direction.data_type, direction.inputs["Name"].default_value = "FLOAT_VECTOR", _DIRECTION
+    number.data_type, number.inputs["Name"].default_value = "INT", _FACE
+    ray = new("GeometryNodeRaycast")
+    ray.data_type = "INT"
+    ray.inputs["Interpolation"].default_value = "Nearest"
+    ray.inputs["Ray Length"].default_value = FAR
+    link(info.outputs["Geometry"], ray.inputs["Target Geometry"])
+    link(number.outputs["Attribute"], ray.inputs["Attribute"])
+    link(new("GeometryNodeInputPosition").outputs["Position"], ray.inputs["Source Position"])
+    link(direction.outputs["Attribute"], ray.inputs["Ray Direction"])
+    choose = new("GeometryNodeSwitch")
+    choose.input_type = "FLOAT"
+    choose.inputs["False"].default_value = 2.0 * FAR
+    link(ray.outputs["Is Hit"], choose.inputs["Switch"])
+    link(ray.outputs["Hit Distance"], choose.inputs["True"])
+    both = new("ShaderNodeCombineXYZ")
+    link(choose.outputs["Output"], both.inputs["X"])
+    link(ray.outputs["Attribute"], both.inputs["Y"])
+    store = new("GeometryNodeStoreNamedAttribute")
+    store.data_type, store.inputs["Name"].default_value = "FLOAT_VECTOR", _DIRECTION
+    link(new("NodeGroupInput").outputs["Geometry"], store.inputs["Geometry"])
+    link(both.outputs["Vector"], store.inputs["Value"])
+    link(store.outputs["Geometry"], new("NodeGroupOutput").inputs["Geometry"])
+    return tree

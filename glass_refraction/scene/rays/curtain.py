@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What of a capture nobody looks up is hidden behind a curtain, which costs a path tracer nothing.
+
+A compositor renders other scenes whole: their own render borders are not asked.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .sum_tree import SPLINE_REACH
+from .views import RadianceView
+
+BLOCK_PX = 16
+"""Side of the curtain's squares, pixels."""
+REACH_PX = SPLINE_REACH + 2
+"""Pixels round a place that its lookup, or a pixel filter, can reach."""
+BEHIND_NEAR = 1.05
+"""Of the distance at which the view begins to see: where the curtain hangs."""
+
+
+def curtain(view: RadianceView, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (V, 3) in camera space and quads (F, 4) before all that is not looked up.
+
+    Parameters
+    ----------
+    pixels : (K, 2) the places in the frame that are looked up.
+    """
+    width, height = view.size
+    columns, rows = -(-width // BLOCK_PX), -(-height // BLOCK_PX)
+    used = np.zeros((rows, columns), bool)
+    for dx in (-REACH_PX, REACH_PX):
+        for dy in (-REACH_PX, REACH_PX):
+            x, y = ((pixels + np.array((dx, dy))) // BLOCK_PX).astype(int).T
+            used[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)] = True
+    corners = []
+    for row in range(rows):
+        # Neighbouring squares of a row are one.
+        edges = np.diff(np.concatenate(([0], ~used[row], [0])).astype(int))
+        for begin, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+            corners.append(((begin, row), (end, row), (end, row + 1), (begin, row + 1)))
+    if not corners:
+        return np.zeros((0, 3)), np.zeros((0, 4), int)
+    places = np.array(corners, float).reshape(-1, 2) * BLOCK_PX
+    p, depth = view.projection, BEHIND_NEAR * view.near
+    ndc = 2.0 * places / (width, height) - 1.0
+    points = np.empty((len(places), 3))
+    points[:, :2] = (ndc + p[:2, 2]) / (p[0, 0], p[1, 1]) * depth
+    points[:, 2] = -depth
+    return points, np.arange(len(points)).reshape(-1, 4)

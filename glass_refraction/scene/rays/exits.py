@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Exit rays of a picture: one a pixel where ways are smooth, more where they end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+
+from .follow import Follower
+from .hits import Shown, Ways
+from .lamps import Sun
+
+SIDES = ((2, 0.03), (3, 0.2), (5, 0.6))
+"""Rays along either axis of a pixel in which ways end, by the part of the light that ends there."""
+STEADY_PX = 1.5
+"""Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
+END = 0.6
+"""What light that ends counts: an outline is smooth with few rays."""
+STRETCH = 0.07
+"""What each pixel beyond counts, times the way's part of the light, beside light that ends."""
+MOST_STRETCHED_PX = 12.0
+"""Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
+ENOUGH = 0.25
+"""Part of a ray's light that must have been followed to stand for all of it."""
+FILTER_SIGMA = {"CYCLES": 0.142, "BLENDER_EEVEE": 0.284, "BLENDER_WORKBENCH": 0.35}
+"""Of the engines' pixel filters (Blackman and Harris's window as a Gauss bell): standard deviation
+over the filter's width in Cycles, over its radius in EEVEE, in pixels in Workbench."""
+
+
+def filter_sigma(engine: str, filter_size: float) -> float:
+    """Standard deviation, pixels, of the engine's pixel filter."""
+    sigma = FILTER_SIGMA.get(engine, FILTER_SIGMA["CYCLES"])
+    return sigma if engine == "BLENDER_WORKBENCH" else sigma * filter_size
+
+
+@dataclass(frozen=True, eq=False)
+class PictureRays:
+    """Ways of a picture's rays.
+
+    Attributes
+    ----------
+    pixel : (R,) number of each ray's pixel in the frame, row by row from the lower left.
+    share : (R,) part of its pixel that a ray stands for.
+    ways : their ``ray`` counts these rays.
+    """
+
+    pixel: np.ndarray
+    share: np.ndarray
+    ways: Ways
+
+
+def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.ndarray:
+    """Numbers (N,), rising, of the frame's pixels in any rectangle (x0, y0, x1, y1), half open."""
+    width, height = size
+    wanted = np.zeros((height, width), bool)
+    for x0, y0, x1, y1 in rects:
+        wanted[max(y0, 0) : max(y1, 0), max(x0, 0) : max(x1, 0)] = True
+    return np.flatnonzero(wanted)
+
+
+def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
+    """One ray through the centre of each pixel (N,); those that meet a glass are kept."""
+    return _rays(pixels, np.zeros((1, 2)), follower)
+
+
+def finer_rays(pixels: np.ndarray, side: int, sigma: float, follower: Follower) -> PictureRays:
+    """``side``² rays in each pixel (N,), spread as the pixel filter weighs places."""
+    steps = sigma * _bell_means(side)
+    return _rays(pixels, np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2), follower)
+
+
+def _bell_means(count: int) -> np.ndarray:
+    """Means (count,) of as many equally likely parts of the standard normal distribution."""
+    # The density at the parts' ends tells their means: ∫ x φ(x) dx = −φ(x).
+    ends = np.array([_quantile(k / count) for k in range(count + 1)])
+    density = np.exp(-0.5 * ends**2) / np.sqrt(2.0 * np.pi)
+    return count * (density[:-1] - density[1:])
+
+
+def _quantile(probability: float) -> float:
+    """Quantile of the standard normal distribution."""
+    if probability <= 0.0:
+        return -np.inf
+    return np.inf if probability >= 1.0 else NormalDist().inv_cdf(probability)
+
+
+def _rays(pixels: np.ndarray, places: np.ndarray, follower: Follower) -> PictureRays:
+    ways, lost = follower.ways(pixels, places)
+    pixel = np.repeat(pixels, len(places))
+    return PictureRays(pixel, np.full(len(pixel), 1.0 / len(places)), _with_lost(ways, lost))
+
+
+def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:
+    """The ways, the light that was not followed shared out among those of the same ray."""
+    brought = np.bincount(ways.ray, ways.weight, len(lost))
+    factor = ((brought + lost) / np.maximum(brought, ENOUGH))[ways.ray]
+    return Ways(
+        ways.ray,
+        ways.path,
+        ways.weight * factor,
+        ways.colour * factor[:, None],
+        ways.origin,
+        ways.direction,
+        ways.distance,
+        ways.triangle,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """For each way of one ray a pixel, the same way one pixel further.
+
+    Attributes
+    ----------
+    pixel : (K,) the way's own pixel.
+    ahead, behind : for x and for y, (K,) numbers of the ways, −1 where it ends there.
+    inner : the same, whether there is a pixel at all.
+    """
+
+    pixel: np.ndarray
+    ahead: tuple[np.ndarray, np.ndarray]
+    behind: tuple[np.ndarray, np.ndarray]
+    inner: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+
+def neighbours(rays: PictureRays, size: tuple[int, int]) -> Neighbours:
+    """Which ways of neighbouring pixels run through the same interfaces."""
+    width, height = size
+    ways = rays.ways
+    paths, path = np.unique(ways.path, return_inverse=True)
+    pixel = rays.pixel[ways.ray]
+    code = pixel.astype(np.int64) * len(paths) + path
+    order = np.argsort(code, kind="stable")
+    sorted_code = code[order]
+    found: list[list[np.ndarray]] = []
+    inner = []
+    for axis, step in enumerate((1, width)):
+        place = pixel % width if axis == 0 else pixel // width
+        possible = place < (width, height)[axis] - 1, place > 0
+        inner.append(possible)
+        both = []
+        for sign, there in zip((1, -1), possible, strict=True):
+            wanted = code + sign * step * len(paths)
+            at = np.minimum(np.searchsorted(sorted_code, wanted), max(len(code) - 1, 0))
+            same = there & (sorted_code[at] == wanted) if len(code) else there
+            both.append(np.where(same, order[at] if len(code) else 0, -1))
+        found.append(both)
+    (ahead_x, behind_x), (ahead_y, behind_y) = found
+    return Neighbours(pixel, (ahead_x, ahead_y), (behind_x, behind_y), tuple(inner))
+
+
+def ending(
+    rays: PictureRays, beside: Neighbours, shown: Shown, label: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
+    """(width · height,) the part of each pixel's light whose ways end there or are stretched.
+
+    Parameters
+    ----------
+    rays : one ray a pixel. label : (K,) what their ways meet; where another begins, a way ends.
+    """
+    width, height = size
+    rough = np.zeros(width * height)
+    ways, pixel = rays.ways, beside.pixel
+
+    def mark(which: np.ndarray, step: int, light: np.ndarray) -> None:
+        for place in (pixel[which], pixel[which] + step):
+            np.maximum.at(rough, place, light)
+
+    for axis, step in enumerate((1, width)):
+        ahead, behind = beside.ahead[axis], beside.behind[axis]
+        for sign, partner, there in zip((1, -1), (ahead, behind), beside.inner[axis], strict=True):
+            ends = np.flatnonzero(there & (partner < 0))
+            mark(ends, sign * step, END * ways.weight[ends])
+        a = np.flatnonzero(ahead >= 0)
+        b = ahead[a]
+        weight = np.maximum(ways.weight[a], ways.weight[b])
+        apart = np.linalg.norm(shown.pixels[a] - shown.pixels[b], axis=1)
+        looked_up = (shown.view[a] == shown.view[b]) & (shown.view[a] >= 0)
+        # Elsewhere nothing has filtered what lies between the two.
+        begins = (shown.view[a] != shown.view[b]) | (label[a] != label[b])
+        stretched = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
+        mark(a, step, weight * np.where(looked_up, stretched, END * begins))
+    return rough
+
+
+def sun_light(
+    rays: PictureRays, beside: Neighbours, suns: tuple[Sun, ...], sigma: float
+) -> np.ndarray:
+    """(K, 3) radiance of the suns along the ways of one ray a pixel, as the pixel filter sees it.
+
+    A sun's image in a glass is often smaller than a pixel. A pixel's rays leave within a cone,
+    which neighbouring pixels tell: their directions' differences, times the filter's standard
+    deviation, are the axes of a Gauss bell. The sun's disc is a bell too, of the same second
+    moments. What both have in common is what the pixel sees of the sun.
+    """
+    ways = rays.ways
+    out = np.zeros((len(ways), 3))
+    sky = np.flatnonzero(ways.is_sky)
+    if not (len(sky) and suns):
+        return out
+    slopes = [_slope(ways.direction, beside, axis, sky) for axis in range(2)]
+    for sun in suns:
+        towards = np.array(sun.towards)
+        near = ways.direction[sky] @ towards > COSINE_NEAR
+        some = sky[near]
+        if not len(some):
+            continue
+        offset = towards - ways.direction[some]
+        axes = [slope[near] * sigma for slope in slopes]
+        helper = np.eye(3)[np.argmin(np.abs(towards))]
+        first = np.cross(towards, helper)
+        first /= np.linalg.norm(first)
+        frame = np.stack((first, np.cross(towards, first)), axis=1)
+        ox, oy = (offset @ frame).T
+        (ax, ay), (bx, by) = ((axis @ frame).T for axis in axes)
+        square = max(1.0 - sun.cosine**2, 0.0)
+        # A disc of radius r has the second moments r²/4.
+        xx = ax * ax + bx * bx + 0.25 * square
+        yy = ay * ay + by * by + 0.25 * square
+        xy = ax * ay + bx * by
+        determinant = np.maximum(xx * yy - xy * xy, 1e-300)
+        distance = (yy * ox * ox - 2.0 * xy * ox * oy + xx * oy * oy) / determinant
+        bell = np.exp(-0.5 * np.minimum(distance, FARTHEST)) * (distance < FARTHEST)
+        part = np.pi * square * bell / (2.0 * np.pi * np.sqrt(determinant))
+        # A sun that fills the cone is seen as bright as it is.
+        out[some] += np.minimum(part, 1.0)[:, None] * np.array(sun.radiance)
+    return out
+
+
+COSINE_NEAR = 0.5
+"""Of the angle from a sun within which a way may see it."""
+FARTHEST = 30.0
+"""Square of a bell's standard deviations beyond which nothing is left of it."""
+
+
+def _slope(values: np.ndarray, beside: Neighbours, axis: int, some: np.ndarray) -> np.ndarray:
+    """Differences (n, 3) of values (K, 3) from one pixel to the next, 0 where there is no next."""
+    ahead, behind = beside.ahead[axis][some], beside.behind[axis][some]
+    high = np.where(ahead >= 0, ahead, some)
+    low = np.where(behind >= 0, behind, some)
+    steps = np.maximum((ahead >= 0).astype(float) + (behind >= 0), 1.0)
+    return (values[high] - values[low]) / steps[:, None]

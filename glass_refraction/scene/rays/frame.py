@@ -1,0 +1,400 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""One frame: from the evaluated scene to the pictures that the compositor sums.
+
+It reads nothing of Blender's and writes nothing: :mod:`true` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ... import optics
+from ..read.glasses import Glass, as_body
+from ..read.viewpoint import Viewpoint
+from .caster import Caster
+from .curtain import curtain
+from .exits import (
+    SIDES,
+    PictureRays,
+    centre_rays,
+    ending,
+    filter_sigma,
+    finer_rays,
+    grid,
+    neighbours,
+    sun_light,
+)
+from .follow import Band, Follower, Kept
+from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
+from .radiance import Sky, known_light, stand_ins
+from .samples import Packed, PackedPixels, pack, strongest
+from .things import Things
+from .views import RadianceView, direct_view
+
+BAND_COLOURS = {"": (1.0, 1.0, 1.0), "red": (1.0, 0, 0), "green": (0, 1.0, 0), "blue": (0, 0, 1.0)}
+"""What light of each band brings to a pixel's colours."""
+NEAREST = 1e-3
+"""Part of the glasses' size from where captures see at least."""
+FAR, FARTHER = 1e3, 1.1
+"""Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
+NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
+MARGIN_PX = 2
+"""Pixels round a glass's outline that are looked at too."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameInput:
+    """All that a frame's picture depends on.
+
+    Attributes
+    ----------
+    glasses : those that can be computed. things, sky : what rays meet beside them.
+    view : the camera. near : its clip start, metres. region : pixels that are rendered.
+    aspect : height of a pixel over its width.
+    engine, filter_size : of the user's render. samples : a pixel, of the direct picture.
+    captures : captures at most. min_weight : part of a ray's light that ways must carry.
+    fresnel : surfaces mirror and refract; else they only refract.
+    """
+
+    glasses: tuple[Glass, ...]
+    things: Things
+    sky: Sky
+    view: Viewpoint
+    near: float
+    region: tuple[int, int, int, int]
+    aspect: float
+    engine: str
+    filter_size: float
+    samples: int
+    captures: int
+    min_weight: float
+    fresnel: bool
+
+
+@dataclass(frozen=True)
+class Room:
+    """Views that the compositor has room for, beside the direct picture."""
+
+    captures: int
+    skies: int
+
+
+@dataclass(frozen=True)
+class ViewReport:
+    """What one radiance view gives: its name, samples a pixel, part of the light of all hits."""
+
+    name: str
+    samples: int
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """What a frame's compositor sums, and what is told of it.
+
+    Attributes
+    ----------
+    cameras : of each view beside the direct picture, None where it is not needed.
+    samples : a pixel, of each of these. far : metres, how far each must see.
+    curtains : of each, see :func:`curtain.curtain`.
+    views : the pictures of each view's samples, the direct picture's first.
+    alphas : weights without tints of the same samples.
+    spread, beside, known, known_alpha : see :mod:`sum_tree`.
+    reports : of each view. unseen : part of the hits' light that no view shows.
+    rays, ways : how many were followed and found. covered : pixels that any glass covers.
+    """
+
+    cameras: tuple[RadianceView | None, ...]
+    samples: tuple[int, ...]
+    far: tuple[float, ...]
+    curtains: tuple[tuple[np.ndarray, np.ndarray], ...]
+    views: tuple[Packed, ...]
+    alphas: tuple[np.ndarray, ...]
+    spread: np.ndarray
+    beside: np.ndarray
+    known: np.ndarray
+    known_alpha: np.ndarray
+    reports: tuple[ViewReport, ...]
+    unseen: float
+    rays: int
+    ways: int
+    covered: int
+
+
+@dataclass(frozen=True, eq=False)
+class Glints:
+    """Light of suns that comes straight to pixels (K,), by colour (K, 3)."""
+
+    pixel: np.ndarray
+    colour: np.ndarray
+
+
+def compute(frame: FrameInput, caster: Caster, room: Room, kept: Kept) -> FrameResult:
+    """The pictures of one frame.
+
+    Parameters
+    ----------
+    kept : what earlier frames found and this one may use; it changes the time, never the answer.
+    """
+    bodies = [body for body in map(as_body, frame.glasses) if body is not None]
+    centre, scale = _place_and_size(bodies, frame.view)
+    caster.aim(frame.things, centre, scale)
+    scene = Scene(caster, frame.things, sky_is_known=frame.sky.radiance is not None)
+    direct = direct_view(frame.view, frame.region, frame.near)
+    rays, shown, views, glints = _followed(frame, scene, direct, bodies, scale, room, kept)
+    return _summed(frame, scene, views, rays, shown, glints)
+
+
+def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarray, float]:
+    """The middle (3,) and the size, metres, of a box round all glasses."""
+    if not bodies:
+        return view.eye, 1.0
+    low, high = _hull(bodies)
+    return 0.5 * (low + high), float(np.linalg.norm(high - low))
+
+
+def _hull(bodies: Sequence[Glass]) -> np.ndarray:
+    """(2, 3): a box round all glasses, in the world; of none, one point."""
+    if not bodies:
+        return np.zeros((2, 3))
+    corners = np.concatenate([_corners(body) for body in bodies])
+    return np.array((corners.min(axis=0), corners.max(axis=0)))
+
+
+def _corners(body: Glass) -> np.ndarray:
+    """The corners (8, 3), in the world, of a box round a glass."""
+    box = body.description.box
+    return body.points_to_world(np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3))
+
+
+def _rect(body: Glass, view: Viewpoint) -> tuple[int, int, int, int]:
+    """Pixels (x0, y0, x1, y1), half open, that a glass can cover."""
+    clip = view.clip(_corners(body))
+    width, height = view.size
+    if np.any(clip[:, 2] <= 0):
+        # Some of it is behind the eye, or the eye is in it.
+        return (0, 0, 0, 0) if np.all(clip[:, 2] <= 0) else (0, 0, width, height)
+    xy = clip[:, :2] / clip[:, 2:3] * (width, height)
+    low = np.floor(np.clip(xy.min(axis=0) - MARGIN_PX, 0, (width, height))).astype(int)
+    high = np.ceil(np.clip(xy.max(axis=0) + MARGIN_PX, 0, (width, height))).astype(int)
+    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+
+
+def _cut(rect, region) -> tuple[int, int, int, int]:
+    return (
+        max(rect[0], region[0]),
+        max(rect[1], region[1]),
+        min(rect[2], region[2]),
+        min(rect[3], region[3]),
+    )
+
+
+def _followed(
+    frame: FrameInput,
+    scene: Scene,
+    direct: RadianceView,
+    bodies: Sequence[Glass],
+    scale: float,
+    room: Room,
+    kept: Kept,
+):
+    """The picture's rays, what shows their hits, all views, and the suns' glints."""
+    view = frame.view
+    rects = [_cut(_rect(body, view), frame.region) for body in bodies]
+    pixels = grid(rects, view.size)
+    follower = Follower(
+        view,
+        _bands(frame.glasses),
+        scene.caster,
+        _boxes(frame.things),
+        _hull(bodies),
+        frame.min_weight,
+        frame.fresnel,
+        kept,
+    )
+    kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
+    coarse = centre_rays(pixels, follower)
+    most = min(frame.captures, room.captures)
+    captures = place_captures(scene, direct, coarse.ways, most, frame.aspect, NEAREST * scale)
+    views = [direct, *captures, *[None] * (room.captures - len(captures))]
+    skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
+    views += [*skies, *[None] * (room.skies - len(skies))]
+    shown = show(scene, views, coarse.ways)
+    beside = neighbours(coarse, view.size)
+    rough = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)[pixels]
+    sigma = filter_sigma(frame.engine, frame.filter_size)
+    glints = sun_light(coarse, beside, frame.sky.suns, sigma)
+    glint = Glints(beside.pixel, glints * coarse.ways.colour)
+    keep = (rough <= SIDES[0][1])[coarse.ways.ray]
+    parts = [(PictureRays(coarse.pixel, coarse.share, coarse.ways.take(keep)), shown.take(keep))]
+    limits = [limit for _, limit in SIDES[1:]] + [np.inf]
+    for (side, least), most in zip(SIDES, limits, strict=True):
+        some = pixels[(rough > least) & (rough <= most)]
+        fine = finer_rays(some, side, sigma, follower)
+        parts.append((fine, show(scene, views, fine.ways)))
+    rays, shown = _together([part for part, _ in parts]), Shown.joined([s for _, s in parts])
+    return rays, shown, views, glint
+
+
+def _bands(glasses: Sequence[Glass]) -> list[Band]:
+    """The glasses as the tracer takes them, in light of each band; one band without dispersion."""
+    names = list(optics.LINES) if any(glass.disperses for glass in glasses) else [""]
+    found = []
+    for band in names:
+        seen = [glass.in_light(band) if glass.disperses and band else glass for glass in glasses]
+        bodies = [body for body in map(as_body, seen) if body is not None]
+        found.append((BAND_COLOURS[band], [_placed(body) for body in bodies]))
+    return found
+
+
+def _placed(body: Glass) -> optics.PlacedGlass:
+    media = len(body.description.media)
+    absorption = np.zeros((media, 3))
+    known = np.array(body.absorption[:media]).reshape(-1, 3)
+    absorption[: len(known)] = known
+    return optics.PlacedGlass(body.description, body.to_world, absorption)
+
+
+def _boxes(things: Things) -> np.ndarray:
+    """(B, 2, 3): a box round the triangles of each owner."""
+    owners = {name: number for number, name in enumerate(dict.fromkeys(things.owners))}
+    if not len(things.triangles):
+        return np.zeros((0, 2, 3))
+    owner = np.array([owners[name] for name in things.owners])[things.surface]
+    boxes = np.empty((len(owners), 2, 3))
+    boxes[:, 0], boxes[:, 1] = np.inf, -np.inf
+    corners = things.points[things.triangles]
+    np.minimum.at(boxes[:, 0], owner, corners.min(axis=1))
+    np.maximum.at(boxes[:, 1], owner, corners.max(axis=1))
+    return boxes[np.isfinite(boxes).all(axis=(1, 2))]
+
+
+def _labels(scene: Scene, ways: Ways) -> np.ndarray:
+    """(K,) number of the surface that a way meets, −1 the sky."""
+    label = np.full(len(ways), -1)
+    met = np.flatnonzero(~ways.is_sky)
+    label[met] = scene.things.surface[ways.triangle[met]]
+    return label
+
+
+def _together(parts: list[PictureRays]) -> PictureRays:
+    """Rays of several kinds of pixels, numbered one after another."""
+    starts = np.cumsum([0, *(len(part.pixel) for part in parts)])
+    ways = [
+        replace(part.ways, ray=part.ways.ray + start)
+        for part, start in zip(parts, starts[:-1], strict=True)
+    ]
+    return PictureRays(
+        np.concatenate([part.pixel for part in parts]),
+        np.concatenate([part.share for part in parts]),
+        Ways.joined(ways),
+    )
+
+
+def _summed(
+    frame: FrameInput,
+    scene: Scene,
+    views: Views,
+    rays: PictureRays,
+    shown: Shown,
+    glints: Glints,
+) -> FrameResult:
+    """The samples of all ways, packed for the compositor."""
+    ways = rays.ways
+    light = ways.weight.sum()
+    unseen = float(ways.weight[shown.view == UNSEEN].sum() / light) if light > 0.0 else 0.0
+    told = shown
+    shown, guessed = stand_ins(scene.things, ways, shown)
+    radiance = known_light(scene.things, scene.normals, frame.sky, ways, told)
+    radiance += guessed
+    share = rays.share[ways.ray]
+    pixel = _window_pixels(rays.pixel[ways.ray], frame.view)
+    packed = PackedPixels(np.unique(pixel))
+    width, height = _window_size(frame.view)
+    covering = np.bincount(pixel, share * ways.weight, width * height)
+    beside = np.clip(1.0 - covering, 0.0, 1.0)
+    samples, parts, alphas, reports = [], [], [], []
+    skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
+    for number, view in enumerate(views):
+        some = np.flatnonzero(shown.view == number)
+        order = some[np.argsort(pixel[some], kind="stable")]
+        order = order[strongest(pixel[order], ways.weight[order])]
+        uv = view.uv(shown.pixels[order]) if len(order) else np.zeros((0, 2))
+        part = pack(packed, pixel[order], uv, ways.colour[order] * share[order, None])
+        alpha = np.zeros_like(part.colour)
+        flat = alpha.reshape(-1, 4)
+        flat[: len(order), :3] = (ways.weight[order] * share[order])[:, None]
+        parts.append(part)
+        alphas.append(alpha)
+        worth = _worth(pixel[order], ways.weight[order] * share[order])
+        count = frame.samples if number == 0 else max(1, int(np.ceil(worth * frame.samples)))
+        samples.append(count)
+        if view is not None:
+            name = f"capture {number}" if number else "direct"
+            name = f"sky {skies.index(number) + 1}" if view.sky_only else name
+            carried = float(ways.weight[order].sum() / light) if light > 0.0 else 0.0
+            reports.append(ViewReport(name, count, carried))
+    lit = np.flatnonzero(glints.colour.any(axis=1))
+    lit_pixel = _window_pixels(glints.pixel[lit], frame.view)
+    colour = np.concatenate((radiance * ways.colour * share[:, None], glints.colour[lit]))
+    sky_alpha = np.where(ways.is_sky, frame.sky.alpha, 1.0) * (shown.view == KNOWN)
+    opaque = (sky_alpha * ways.weight * share)[:, None] * np.ones(3)
+    return FrameResult(
+        cameras=tuple(views[1:]),
+        samples=tuple(samples[1:]),
+        far=tuple(_far(frame.things, view) for view in views[1:]),
+        curtains=tuple(
+            NO_CURTAIN if view is None else curtain(view, shown.pixels[shown.view == number])
+            for number, view in enumerate(views)
+            if number
+        ),
+        views=tuple(parts),
+        alphas=tuple(alphas),
+        spread=packed.spread((width, height)),
+        beside=_grey(beside, (width, height)),
+        known=packed.known(colour, np.concatenate((pixel, lit_pixel))),
+        known_alpha=packed.known(opaque, pixel),
+        reports=tuple(reports),
+        unseen=unseen,
+        rays=len(rays.pixel),
+        ways=len(ways),
+        covered=int((covering > 0.0).sum()),
+    )
+
+
+def _far(things: Things, view: RadianceView | None) -> float:
+    """Metres to the farthest thing. Engines lose depths where a view sees far and begins near."""
+    box = things.box()
+    if view is None or not np.isfinite(box).all():
+        return FAR
+    corners = np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
+    return float(max(FARTHER * np.linalg.norm(corners - view.eye, axis=1).max(), 2.0 * view.near))
+
+
+def _worth(pixel: np.ndarray, weight: np.ndarray) -> float:
+    """What a view's samples weigh in a pixel, the mean by that weight: what its noise counts."""
+    if not len(pixel):
+        return 0.0
+    sums = np.bincount(pixel, weight)
+    return float((sums**2).sum() / sums.sum())
+
+
+def _window_pixels(pixel: np.ndarray, view: Viewpoint) -> np.ndarray:
+    """Numbers of frame pixels in the picture, which may be cropped."""
+    x0, y0, x1, _ = view.window
+    y, x = np.divmod(pixel, view.size[0])
+    return (y - y0) * (x1 - x0) + (x - x0)
+
+
+def _window_size(view: Viewpoint) -> tuple[int, int]:
+    x0, y0, x1, y1 = view.window
+    return x1 - x0, y1 - y0
+
+
+def _grey(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    out = np.ones((len(values), 4), np.float32)
+    out[:, :3] = values[:, None]
+    return out.reshape(size[1], size[0], 4)

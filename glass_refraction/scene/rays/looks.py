@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is known of a surface without rendering it: a stand-in where no view shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+GLOSSY = 0.3
+"""Roughness below which what a surface shows depends on where it is seen from."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """A surface's colours.
+
+    Attributes
+    ----------
+    albedo : part of the light (red, green, blue) that it sends back.
+    radiance : light of its own, scene-linear.
+    is_lamp : the radiance is all that it shows, and no view shows it.
+    is_glossy : what it shows depends on where it is seen from.
+    faces : 1: it gives light on the side of its normals only; 0: on both.
+    """
+
+    albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    is_lamp: bool = False
+    is_glossy: bool = False
+    faces: int = 0
+
+
+def look_of(material: bpy.types.Material | None) -> Look:
+    """The look of a material: that of its first shader that tells a colour."""
+    if material is None:
+        return Look()
+    plain = tuple(float(c) for c in material.diffuse_color[:3])
+    tree = material.node_tree
+    if tree is None:
+        return Look(plain, is_glossy=material.roughness < GLOSSY)
+    for node in tree.nodes:
+        if node.type == "EMISSION":
+            strength = float(node.inputs["Strength"].default_value)
+            colour = np.array(node.inputs["Color"].default_value[:3]) * strength
+            return Look((0.0, 0.0, 0.0), tuple(float(c) for c in colour))
+        if node.type == "BSDF_PRINCIPLED":
+            colour = tuple(float(c) for c in node.inputs["Base Color"].default_value[:3])
+            roughness = float(node.inputs["Roughness"].default_value)
+            return Look(colour, is_glossy=roughness < GLOSSY)
+        if node.type in {"BSDF_DIFFUSE", "BSDF_GLOSSY"}:
+            colour = tuple(float(c) for c in node.inputs["Color"].default_value[:3])
+            glossy = node.type == "BSDF_GLOSSY"
+            return Look(colour, is_glossy=glossy)
+    return Look(plain)

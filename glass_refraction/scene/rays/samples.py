@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Samples as the pictures that the compositor sums: which place of which view, for which pixel.
+
+The samples of one view lie one after another in a packed picture, those of one pixel side by side.
+There the view is looked up once a sample and multiplied by the sample's colour. Then neighbours of
+one pixel are added in pairs, level by level, until each pixel has one sum; each level is another
+packed picture, half as large at most. So the compositor's work goes with the number of samples,
+not with the picture's size, and any number of samples a pixel is summed exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+WIDTH = 2048
+"""Pixels in a row of a packed picture."""
+LEVELS = 8
+"""Of pairwise sums: up to 2⁸ samples a pixel and view."""
+MOST = 1 << LEVELS
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """The pictures of one view's samples, each (rows, `WIDTH`, 4) float32.
+
+    Attributes
+    ----------
+    where : place in the view (u, v) and 1, or 0 where there is no sample.
+    colour : what is looked up is multiplied by this.
+    pairs : for each level the places in the level below of both addends, and 1 or 0.
+    into : for the packed pixels, the place of their sum in the last level, and 1 or 0.
+    """
+
+    where: np.ndarray
+    colour: np.ndarray
+    pairs: tuple[tuple[np.ndarray, np.ndarray], ...]
+    into: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PackedPixels:
+    """Which pixels have samples.
+
+    Attributes
+    ----------
+    pixels : (P,) their numbers in the picture, rising.
+    """
+
+    pixels: np.ndarray
+
+    def known(self, values: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+        """Picture of sums of values (K, 3), of the pixels (K,) that are numbered in the picture."""
+        place = np.searchsorted(self.pixels, pixel)
+        sums = [np.bincount(place, column, len(self.pixels)) for column in values.T]
+        return _picture(np.stack(sums, axis=1) if len(sums) else np.empty((0, 3)))
+
+    def spread(self, size: tuple[int, int]) -> np.ndarray:
+        """Picture (height, width, 4) that brings the packed pixels to their places."""
+        width, height = size
+        out = np.zeros((height * width, 4), np.float32)
+        out[:, 3] = 1.0
+        out[self.pixels, :3] = _places(np.arange(len(self.pixels)), _rows(len(self.pixels)))
+        return out.reshape(height, width, 4)
+
+
+def pack(pixels: PackedPixels, pixel: np.ndarray, uv: np.ndarray, colour: np.ndarray) -> Packed:
+    """The pictures of one view's samples.
+
+    Parameters
+    ----------
+    pixel : (K,) number of each sample's pixel in the picture, rising; at most `MOST` equal ones.
+    uv : (K, 2) places in the view, 0 to 1. colour : (K, 3).
+    """
+    rows = _rows(len(pixel))
+    where = np.ones((len(pixel), 3), np.float32)
+    where[:, :2] = uv
+    pairs = []
+    owner = pixel
+    for _ in range(LEVELS):
+        below = _rows(len(owner))
+        first, second, both, owner = _halved(owner)
+        pairs.append(
+            (
+                _picture(_places(first, below)),
+                _picture(_places(second, below) * both[:, None]),
+            )
+        )
+    into = np.zeros((len(pixels.pixels), 3), np.float32)
+    if len(owner):
+        place = np.searchsorted(pixels.pixels, owner)
+        into[place] = _places(np.arange(len(owner)), _rows(len(owner)))
+    return Packed(_picture(where, rows), _picture(colour, rows), tuple(pairs), _picture(into))
+
+
+def strongest(pixel: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Which samples (K,) are among the `MOST` strongest of their pixel; ``pixel`` rises."""
+    count = np.bincount(pixel) if len(pixel) else np.zeros(0, np.intp)
+    if not (count > MOST).any():
+        return np.ones(len(pixel), bool)
+    order = np.lexsort((-weight, pixel))
+    start = np.cumsum(count) - count
+    rank = np.empty(len(pixel), np.intp)
+    rank[order] = np.arange(len(pixel)) - start[pixel[order]]
+    return rank < MOST
+
+
+def _halved(owner: np.ndarray):
+    """Places of the addends of each pairwise sum, whether there are two, and the sums' owners."""
+    if not len(owner):
+        nothing = np.zeros(0, np.intp)
+        return nothing, nothing, np.zeros(0, np.float32), owner
+    begins = np.flatnonzero(np.concatenate(([True], owner[1:] != owner[:-1])))
+    count = np.diff(np.append(begins, len(owner)))
+    rank = np.arange(len(owner)) - np.repeat(begins, count)
+    first = np.flatnonzero(rank % 2 == 0)
+    second = np.minimum(first + 1, len(owner) - 1)
+    both = (second > first) & (owner[second] == owner[first])
+    return first, np.where(both, second, 0), both.astype(np.float32), owner[first]
+
+
+def _rows(count: int) -> int:
+    return max(1, -(-count // WIDTH))
+
+
+def _places(numbers: np.ndarray, rows: int) -> np.ndarray:
+    """Centres (K, 2) of numbered pixels in a packed picture of so many rows, and 1: (K, 3)."""
+    out = np.ones((len(numbers), 3), np.float32)
+    out[:, 0] = (numbers % WIDTH + 0.5) / WIDTH
+    out[:, 1] = (numbers // WIDTH + 0.5) / rows
+    return out
+
+
+def _picture(values: np.ndarray, rows: int | None = None) -> np.ndarray:
+    """Values (K, 3) as a packed picture; the rest is 0."""
+    rows = _rows(len(values)) if rows is None else rows
+    out = np.zeros((rows * WIDTH, 4), np.float32)
+    out[:, 3] = 1.0
+    out[: len(values), :3] = values
+    return out.reshape(rows, WIDTH, 4)

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The node tree that sums samples: the same for every frame, which write its pictures only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..names import TAG, hidden_name, own
+from ..read.arrays import write_image
+from .samples import LEVELS, Packed
+
+_VALUES = "refractive_glass_values"
+SPLINE_REACH = 8
+"""Pixels on either side in the kernel that undoes a spline's blur: 1e-4 is left beyond."""
+
+
+def spline_inverse(half: int = SPLINE_REACH) -> np.ndarray:
+    """What undoes, at the pixels' centres, the blur of a cubic B-spline: (2 half + 1,), separable.
+
+    Looked up by a B-spline, a picture that this was applied to is interpolated: at its pixels'
+    centres it has its own values (Unser, "Splines", 1999).
+    """
+    apart = np.abs(np.arange(-half, half + 1))
+    spline = np.where(apart == 0, 2 / 3, np.where(apart == 1, 1 / 6, 0.0))
+    # Even, so its spectrum is real; and above zero.
+    spectrum = np.fft.fft(np.fft.ifftshift(spline)).real
+    return np.fft.fftshift(np.fft.ifft(1.0 / spectrum).real)
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Sockets of one view: its picture and its alpha."""
+
+    image: bpy.types.NodeSocket
+    alpha: bpy.types.NodeSocket
+
+
+def image_name(scene: bpy.types.Scene, *parts: object) -> str:
+    """Name of one of the pictures that a scene's frames write."""
+    return hidden_name("picture", str(scene.session_uid), *map(str, parts))
+
+
+class Pictures:
+    """The pictures that a scene's frames write, by what they are for."""
+
+    def __init__(self, scene: bpy.types.Scene) -> None:
+        start = image_name(scene)
+        self._found = {
+            image.name[len(start) :].strip(): image
+            for image in bpy.data.images
+            if own(image, "picture") and image.library is None and image.name.startswith(start)
+        }
+
+    def write(self, pixels: np.ndarray, *parts: object) -> None:
+        """Set the pixels (height, width, 4) of one picture; of none if the tree has no such."""
+        image = self._found.get(" ".join(map(str, parts)))
+        if image is not None:
+            write_image(image, pixels)
+
+    def write_view(self, number: int, packed: Packed) -> None:
+        """Set the pictures of one view's samples."""
+        self.write(packed.where, number, "where")
+        self.write(packed.colour, number, "colour")
+        for level, (first, second) in enumerate(packed.pairs):
+            self.write(first, number, "first", level)
+            self.write(second, number, "second", level)
+        self.write(packed.into, number, "into")
+
+
+def new_image(name: str, role: str) -> bpy.types.Image:
+    """A float picture of the extension's own, of no particular size yet."""
+    image = bpy.data.images.new(name, 4, 4, float_buffer=True, is_data=True)
+    image[TAG] = role
+    image.alpha_mode = "CHANNEL_PACKED"
+    return image
+
+
+class SumTree:
+    """Builds the compositor tree of True shading.
+
+    Inputs Image and Alpha are the direct picture's, the output Image is the picture with all
+    glasses in it. ``captures`` are scenes whose pictures the samples look up too.
+    """
+
+    def __init__(
+        self, scene: bpy.types.Scene, captures: list[bpy.types.Scene], *, alpha: bool
+    ) -> None:
+        self._scene = scene
+        self.tree = bpy.data.node_groups.new(
+            hidden_name("composite", scene.name), "CompositorNodeTree"
+        )
+        self.tree[TAG] = "composite"
+        for name, kind in (("Image", "NodeSocketColor"), ("Alpha", "NodeSocketFloat")):
+            self.tree.interface.new_socket(name, in_out="INPUT", socket_type=kind)
+        self.tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        start = self._node("NodeGroupInput")
+        direct = Outputs(start.outputs["Image"], start.outputs["Alpha"])
+        views = [direct, *(self._capture(capture) for capture in captures)]
+        beside = self._split(self._picture("beside"))
+        whole = self._vector("ADD", self._scaled(direct.image, beside), self._summed(views))
+        through = self._math("MULTIPLY", direct.alpha, beside)
+        if alpha:
+            shown = self._split(self._summed([self._alpha(view) for view in views], "alpha"))
+            through = self._math("ADD", through, shown)
+        else:
+            # An opaque film: what a glass covers is opaque as well.
+            through = self._math("ADD", through, self._math("SUBTRACT", 1.0, beside))
+        end = self._node("NodeGroupOutput")
+        self._link(self._with_alpha(whole, through), end.inputs["Image"])
+
+    def _capture(self, scene: bpy.types.Scene) -> Outputs:
+        # In its own context: Blender would count the present scene as used once more, for ever.
+        with bpy.context.temp_override(scene=scene):
+            node = self._node("CompositorNodeRLayers")
+        node.scene = scene
+        return Outputs(node.outputs["Image"], node.outputs["Alpha"])
+
+    def _alpha(self, view: Outputs) -> Outputs:
+        """A view's alpha as a picture."""
+        node = self._node("CompositorNodeCombineColor")
+        for channel in range(3):
+            self._link(view.alpha, node.inputs[channel])
+        return Outputs(node.outputs[0], view.alpha)
+
+    def _summed(self, views: list[Outputs], kind: str = "colour"):
+        """The picture of all samples' sums, at the pixels' places."""
+        known = self._picture("known" if kind == "colour" else "known alpha")
+        parts = [self._of_view(number, view, kind) for number, view in enumerate(views)]
+        total = known
+        for part in parts:
+            total = self._vector("ADD", total, part)
+        return self._at(total, self._picture("spread"))
+
+    def _of_view(self, number: int, view: Outputs, kind: str):
+        """One view's sums, of the packed pixels."""
+        sharp = self._sharpened(view) if kind == "colour" else view.image
+        method = "Bicubic" if kind == "colour" else "Bilinear"
+        looked_up = self._at(sharp, self._picture(number, "where"), method)
+        # Alpha is what the samples' weights show; a tint takes none of it.
+        colour = self._picture(number, kind)
+        found = self._vector("MULTIPLY", looked_up, colour)
+        for level in range(LEVELS):
+            first = self._at(found, self._picture(number, "first", level))
+            second = self._at(found, self._picture(number, "second", level))
+            found = self._vector("ADD", first, second)
+        return self._at(found, self._picture(number, "into"))
+
+    def _sharpened(self, view: Outputs):
+        """A view such that a B-spline of it goes through its pixels.
+
+        Beyond the picture's border the convolution finds nothing: it is divided by what it finds
+        of a white picture.
+        """
+        white = self._math("ADD", self._math("MULTIPLY", view.alpha, 0.0), 1.0)
+        there = self._math("DIVIDE", 1.0, self._convolved(white))
+        return self._scaled(self._convolved(view.image), there)
+
+    def _convolved(self, image):
+        node = self._node("CompositorNodeConvolve")
+        self._link(image, node.inputs["Image"])
+        kernel = next(s for s in node.inputs if s.name == "Kernel" and s.type == "VALUE")
+        self._link(self._kernel(), kernel)
+        return node.outputs["Image"]
+
+    def _kernel(self):
+        name = hidden_name("kernel", "spline")
+        found = (i for i in bpy.data.images if own(i, "kernel") and i.name == name)
+        image = next(found, None) or new_image(name, "kernel")
+        image[_VALUES] = spline_inverse().tolist()
+        node = self._node("CompositorNodeImage")
+        node.image = image
+        return node.outputs["Image"]
+
+    def _picture(self, *parts: object):
+        name = image_name(self._scene, *parts)
+        found = (i for i in bpy.data.images if own(i, "picture") and i.name == name)
+        node = self._node("CompositorNodeImage")
+        node.image = next(found, None) or new_image(name, "picture")
+        return node.outputs["Image"]
+
+    def _at(self, image, where, method: str = "Nearest"):
+        node = self._node("CompositorNodeMapUV")
+        node.inputs["Interpolation"].default_value = method
+        for axis in "XY":
+            node.inputs[f"Extension {axis}"].default_value = "Extend"
+        self._link(image, node.inputs["Image"])
+        self._link(where, node.inputs["UV"])
+        return node.outputs["Image"]
+
+    def _with_alpha(self, colour, alpha):
+        split = self._node("ShaderNodeSeparateXYZ")
+        self._link(colour, split.inputs[0])
+        join = self._node("CompositorNodeCombineColor")
+        for slot in range(3):
+            self._link(split.outputs[slot], join.inputs[slot])
+        self._link(alpha, join.inputs["Alpha"])
+        return join.outputs[0]
+
+    def _split(self, colour):
+        node = self._node("ShaderNodeSeparateXYZ")
+        self._link(colour, node.inputs[0])
+        return node.outputs[0]
+
+    def _scaled(self, colour, factor):
+        node = self._node("ShaderNodeVectorMath", operation="SCALE")
+        self._feed(colour, node.inputs[0])
+        self._feed(factor, node.inputs["Scale"])
+        return node.outputs[0]
+
+    def _vector(self, operation: str, first, second):
+        node = self._node("ShaderNodeVectorMath", operation=operation)
+        for slot, value in enumerate((first, second)):
+            self._feed(value, node.inputs[slot])
+        return node.outputs[0]
+
+    def _math(self, operation: str, first, second):
+        node = self._node("ShaderNodeMath", operation=operation)
+        for slot, value in enumerate((first, second)):
+            self._feed(value, node.inputs[slot])
+        return node.outputs[0]
+
+    def _feed(self, value, target) -> None:
+        """Link an output to an input, or set the input to a constant."""
+        if isinstance(value, bpy.types.NodeSocket):
+            self._link(value, target)
+        else:
+            target.default_value = value
+
+    def _node(self, idname: str, **properties):
+        node = self.tree.nodes.new(idname)
+        count = len(self.tree.nodes)
+        node.location = (190 * (count // 8), -190 * (count % 8))
+        for key, value in properties.items():
+            setattr(node, key, value)
+        return node
+
+    def _link(self, source, target) -> None:
+        self.tree.links.new(source, target)
+
+
+def write_kernels() -> None:
+    """Write the kernels' pixels, which a file does not keep."""
+    for image in bpy.data.images:
+        if own(image, "kernel"):
+            values = np.array(image[_VALUES])
+            kernel = np.outer(values, values)
+            pixels = np.ones((*kernel.shape, 4), np.float32)
+            pixels[..., :3] = (kernel / kernel.sum())[..., None]
+            write_image(image, pixels)

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All that rays can meet beside the glasses: the scene's evaluated surfaces and its lamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..names import own
+from ..read.arrays import positions
+from .lamps import lamp_shape
+from .looks import Look, look_of
+
+_CONVERTED_TYPES = {"CURVE", "SURFACE", "FONT", "META"}
+
+
+@dataclass(frozen=True, eq=False)
+class Things:
+    """One soup of triangles.
+
+    Attributes
+    ----------
+    points : (V, 3) float64, world, metres.
+    triangles : (T, 3) int32, vertices of each triangle.
+    surface : (T,) int32, number of the look of each triangle.
+    looks : what is known of each surface without rendering it.
+    owners : the object's name of each look.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    surface: np.ndarray
+    looks: tuple[Look, ...]
+    owners: tuple[str, ...]
+
+    def same(self, other: Things | None) -> bool:
+        """Whether the other has the same triangles in the same places."""
+        return (
+            other is not None
+            and np.array_equal(self.triangles, other.triangles)
+            and np.array_equal(self.points, other.points)
+        )
+
+    def box(self) -> np.ndarray:
+        """(2, 3): the lowest and the highest coordinates; of nothing, an empty box."""
+        if not len(self.points):
+            return np.array([(np.inf,) * 3, (-np.inf,) * 3])
+        return np.array((self.points.min(axis=0), self.points.max(axis=0)))
+
+
+def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str]) -> Things:
+    """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
+
+    Parameters
+    ----------
+    left_out : names of objects that no ray meets here: the glasses.
+    """
+    builder = _Builder()
+    for instance in depsgraph.object_instances:
+        obj = instance.object
+        original = obj.original
+        owner = instance.parent.original if instance.is_instance else original
+        if own(original) or original.name in left_out or owner.name in left_out:
+            continue
+        if not instance.show_self:
+            continue
+        if obj.type == "LIGHT":
+            if obj.visible_glossy:
+                builder.add_lamp(obj, np.array(instance.matrix_world, float))
+            continue
+        if not (obj.visible_camera and owner.visible_camera):
+            continue
+        if obj.type == "MESH":
+            builder.add_mesh(obj, obj.data, np.array(instance.matrix_world, float))
+        elif obj.type in _CONVERTED_TYPES:
+            mesh = obj.to_mesh()
+            if mesh is not None:
+                builder.add_mesh(obj, mesh, np.array(instance.matrix_world, float))
+                obj.to_mesh_clear()
+    return builder.things()
+
+
+class _Builder:
+    def __init__(self) -> None:
+        self.points: list[np.ndarray] = [np.empty((0, 3))]
+        self.triangles: list[np.ndarray] = [np.empty((0, 3), np.int32)]
+        self.surface: list[np.ndarray] = [np.empty(0, np.int32)]
+        self.looks: list[Look] = []
+        self.owners: list[str] = []
+        self._meshes: dict[int, tuple] = {}
+        self._numbers: dict[tuple, int] = {}
+        self._count = 0
+
+    def add_mesh(self, obj: bpy.types.Object, mesh: bpy.types.Mesh, to_world: np.ndarray) -> None:
+        """The triangles of one evaluated mesh; instances of it share what was read."""
+        shared = obj.type == "MESH"
+        key = mesh.as_pointer()
+        if not (shared and key in self._meshes):
+            self._meshes[key] = _read(mesh)
+        local, corners, slots = self._meshes[key]
+        if not len(corners):
+            return
+        number = self._look_numbers(obj, mesh, int(slots.max()))
+        self._add(local @ to_world[:3, :3].T + to_world[:3, 3], corners, number[slots])
+
+    def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray) -> None:
+        """A lamp that has a size, as the surface that gives its light."""
+        shape = lamp_shape(obj.data, to_world)
+        if shape is None:
+            return
+        points, corners, look = shape
+        self.looks.append(look)
+        self.owners.append(obj.original.name)
+        number = len(self.looks) - 1
+        self._add(points, corners, np.full(len(corners), number, np.int32))
+
+    def _look_numbers(self, obj, mesh, highest: int) -> np.ndarray:
+        """The number of the look of each material slot up to the highest in use."""
+        numbers = []
+        for slot in range(highest + 1):
+            if slot < len(obj.material_slots):
+                material = obj.material_slots[slot].material
+            else:
+                material = mesh.materials[slot] if slot < len(mesh.materials) else None
+            key = (obj.original.name, material.name if material else "")
+            if key not in self._numbers:
+                self._numbers[key] = len(self.looks)
+                self.looks.append(look_of(material))
+                self.owners.append(obj.original.name)
+            numbers.append(self._numbers[key])
+        return np.array(numbers, np.int32)
+
+    def _add(self, points, corners, surface) -> None:
+        self.points.append(points)
+        self.triangles.append(corners + self._count)
+        self.surface.append(surface)
+        self._count += len(points)
+
+    def things(self) -> Things:
+        return Things(
+            np.concatenate(self.points),
+            np.concatenate(self.triangles).astype(np.int32),
+            np.concatenate(self.surface).astype(np.int32),
+            tuple(self.looks),
+            tuple(self.owners),
+        )
+
+
+def _read(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (V, 3), triangles (T, 3) and their material slots (T,) of a mesh."""
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    corners = np.empty((count, 3), np.int32)
+    slots = np.zeros(count, np.int32)
+    if count:
+        mesh.loop_triangles.foreach_get("vertices", corners.ravel())
+        if "material_index" in mesh.attributes:
+            mesh.loop_triangles.foreach_get("material_index", slots)
+    local = positions(mesh).astype(float)
+    finite = np.isfinite(local).all(axis=1)
+    if not finite.all():
+        keep = finite[corners].all(axis=1)
+        corners, slots = corners[keep], slots[keep]
+        local = np.where(finite[:, None], local, 0.0)
+    return local, corners, np.maximum(slots, 0)

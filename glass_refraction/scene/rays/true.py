@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The door of True shading: make what renders need, once, and write a frame's values into it."""
+
+from __future__ import annotations
+
+import time
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..build.compositor import group_node, insert_group
+from ..build.own_scenes import (
+    find_own_scenes,
+    match_settings,
+    new_collection,
+    new_object,
+    own_scene,
+    remove_own_scenes,
+    synchronise,
+    write_setting,
+)
+from ..memory import Status, counters, memory_of
+from ..names import TAG, hidden_name, own
+from ..read.arrays import write_polygons
+from ..read.glasses import glass_modifier, read_glasses
+from ..read.viewpoint import Viewpoint, border_window, render_size
+from ..read.visibility import rendered_layer
+from .caster import Caster, fill_cast_collection
+from .follow import Kept
+from .frame import FrameInput, FrameResult, Room, compute
+from .lamps import sun_of
+from .radiance import sky_of
+from .samples import LEVELS
+from .sum_tree import Pictures, SumTree, write_kernels
+from .things import read_things
+from .views import RadianceView
+
+CURTAIN = "curtain"
+"""Role of what hides the pixels of a view that nobody looks up."""
+CAPTURE, SKY, CAST = "capture", "sky", "cast"
+"""Roles of own scenes: for captures, for views of the world alone, and to cast rays in."""
+ROOM = Room(captures=3, skies=3)
+"""Views that the compositor tree has room for."""
+LEAST_CLIP = 1e-4
+"""Metres: where a view of the world begins to see."""
+UNCOVERED = 0.5
+"""Part of a pixel beside all glasses from which on it counts as not covered."""
+_STRUCTURE = "refractive_glass_structure"
+
+
+def prepare(scene: bpy.types.Scene) -> None:
+    """Make the own scenes and the compositor tree of True shading, unless they stand.
+
+    What is made depends on the scene's settings only, never on what a frame shows.
+    """
+    cast = own_scene(scene, CAST)
+    if not cast.collection.children:
+        fill_cast_collection(new_collection(CAST, cast))
+        synchronise(cast.view_layers[0])
+    views = [own_scene(scene, CAPTURE, number) for number in range(ROOM.captures)]
+    views += [own_scene(scene, SKY, number) for number in range(ROOM.skies)]
+    for view in views:
+        _fill_view(scene, view)
+    _match_views(scene, views)
+    alpha = scene.render.film_transparent
+    structure = f"true {ROOM} {LEVELS} {alpha}"
+    node = group_node(scene)
+    if node is None or node.node_tree is None or node.node_tree.get(_STRUCTURE) != structure:
+        counters["structures"] += 1
+        tree = SumTree(scene, views, alpha=alpha).tree
+        tree[_STRUCTURE] = structure
+        insert_group(scene, tree, views)
+    write_kernels()
+
+
+def remove(scene: bpy.types.Scene) -> None:
+    """Remove the own scenes of True shading."""
+    remove_own_scenes(scene, (CAPTURE, SKY, CAST))
+
+
+def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
+    """A camera of its own, and in a capture all that the user's scene shows."""
+    if view[TAG] == CAPTURE and view.background_set != scene:
+        view.background_set = scene
+    if view.collection.children:
+        return
+    collection = new_collection(view[TAG], view)
+    camera = new_object(view[TAG], bpy.data.cameras.new(hidden_name(view[TAG])), collection)
+    view.camera = camera
+    mesh = bpy.data.meshes.new(hidden_name(CURTAIN))
+    curtain = new_object(CURTAIN, mesh, collection)
+    mesh.materials.append(_black())
+    for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(curtain, f"visible_{kind}", False)
+    synchronise(view.view_layers[0])
+
+
+def _black() -> bpy.types.Material:
+    """The curtains' material: it ends a camera's rays and gives no light."""
+    found = (m for m in bpy.data.materials if own(m, CURTAIN) and not m.library)
+    material = next(found, None)
+    if material is None:
+        material = bpy.data.materials.new(hidden_name(CURTAIN))
+        material[TAG] = CURTAIN
+        tree = material.node_tree
+        tree.nodes.clear()
+        shader = tree.nodes.new("ShaderNodeEmission")
+        shader.inputs["Strength"].default_value = 0.0
+        end = tree.nodes.new("ShaderNodeOutputMaterial")
+        tree.links.new(shader.outputs["Emission"], end.inputs["Surface"])
+    return material
+
+
+def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
+    """Give the views the user's settings; cameras and samples are a frame's."""
+    user_layer = rendered_layer(scene)
+    for capture in views:
+        kept = {
+            "scene": {"camera": capture.camera},
+            "render": {"use_compositing": False, "use_sequencer": False, "use_multiview": False},
+            "cycles": {"samples": capture.cycles.samples},
+            "eevee": {"taa_render_samples": capture.eevee.taa_render_samples},
+        }
+        match_settings(scene, capture, kept)
+        layer = capture.view_layers[0]
+        for name in ("material_override", "world_override"):
+            if hasattr(layer, name):
+                write_setting(layer, name, getattr(user_layer, name))
+
+
+def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint) -> Status:
+    """Write one frame's pictures, cameras and samples."""
+    started = time.perf_counter()
+    problems: list[str] = []
+    views = find_own_scenes(scene, (CAPTURE, SKY))
+    result = compute(_read(scene, depsgraph, view, problems), _caster(scene), ROOM, _kept(scene))
+    _write(scene, views, result)
+    status = Status(
+        milliseconds=1e3 * (time.perf_counter() - started),
+        problems=problems,
+        views=result.reports,
+        unseen=result.unseen,
+        rays=result.rays,
+        ways=result.ways,
+        covered=result.covered,
+    )
+    memory = memory_of(scene)
+    memory.status = status
+    memory.covered = result.beside[..., 0] < UNCOVERED
+    return status
+
+
+def _caster(scene: bpy.types.Scene) -> Caster:
+    """The scene's caster; it remembers its target, so that this is not built again."""
+    memory = memory_of(scene)
+    cast = find_own_scenes(scene, (CAST,))[0]
+    if memory.caster is None or not memory.caster.is_of(cast):
+        memory.caster = Caster(cast)
+    return memory.caster
+
+
+def _kept(scene: bpy.types.Scene) -> Kept:
+    memory = memory_of(scene)
+    if memory.kept is None:
+        memory.kept = Kept()
+    return memory.kept
+
+
+def _read(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint, problems: list[str]
+) -> FrameInput:
+    settings = scene.refractive_glass
+    glasses = tuple(read_glasses(depsgraph, problems))
+    left_out = frozenset(
+        obj.name for obj in scene.objects if obj.type == "MESH" and glass_modifier(obj) is not None
+    )
+    suns = []
+    for instance in depsgraph.object_instances:
+        obj = instance.object
+        if obj.type == "LIGHT" and obj.data.type == "SUN" and obj.visible_glossy:
+            sun = sun_of(obj.data, np.array(instance.matrix_world, float))
+            if sun is not None:
+                suns.append(sun)
+    width, height = render_size(scene)
+    render = scene.render
+    region = border_window(scene) if render.use_border else (0, 0, width, height)
+    samples, name = _samples(scene)
+    return FrameInput(
+        glasses=glasses,
+        things=read_things(depsgraph, left_out),
+        sky=sky_of(scene, tuple(suns)),
+        view=view,
+        near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),
+        region=region,
+        aspect=render.pixel_aspect_y / render.pixel_aspect_x,
+        engine=render.engine,
+        filter_size=_filter_size(scene),
+        samples=int(getattr(samples, name)),
+        captures=settings.captures,
+        min_weight=settings.min_weight,
+        fresnel=settings.surface == "GLASS",
+    )
+
+
+def _filter_size(scene: bpy.types.Scene) -> float:
+    if scene.render.engine != "CYCLES":
+        return float(scene.render.filter_size)
+    return float(scene.cycles.filter_width)
+
+
+def _samples(scene: bpy.types.Scene):
+    """Settings of the scene's engine that hold its samples a pixel, and the property's name."""
+    if scene.render.engine == "CYCLES":
+        return scene.cycles, "samples"
+    return scene.eevee, "taa_render_samples"
+
+
+def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameResult) -> None:
+    pictures = Pictures(scene)
+    for number, (packed, alpha) in enumerate(zip(result.views, result.alphas, strict=True)):
+        pictures.write_view(number, packed)
+        pictures.write(alpha, number, "alpha")
+    for name in ("spread", "beside", "known"):
+        pictures.write(getattr(result, name), name)
+    pictures.write(result.known_alpha, "known alpha")
+    _match_views(scene, views)
+    settings = zip(views, result.cameras, result.samples, result.far, result.curtains, strict=True)
+    for view, camera, samples, far, curtain in settings:
+        write_setting(view.view_layers[0], "use", camera is not None)
+        if camera is not None:
+            _aim_camera(view.camera, camera, far)
+            write_setting(*_samples(view), samples)
+            _hang(view, curtain)
+
+
+def _hang(view: bpy.types.Scene, curtain: tuple[np.ndarray, np.ndarray]) -> None:
+    """Hang a curtain of points (V, 3) and quads (F, 4) before a view's camera.
+
+    In Cycles only: there it saves the pixels' samples. In EEVEE it would stand in the way of what
+    is traced on the screen.
+    """
+    obj = next(o for o in view.collection.all_objects if own(o, CURTAIN))
+    obj.data.clear_geometry()
+    if view.render.engine == "CYCLES" and len(curtain[1]):
+        write_polygons(obj.data, *curtain)
+        obj.matrix_world = view.camera.matrix_world
+    obj.data.update()
+
+
+def _aim_camera(camera: bpy.types.Object, view: RadianceView, far: float) -> None:
+    """Give a camera object the pose, lens and shift of a view, and let it see so far (metres)."""
+    data, p = camera.data, view.projection
+    width, height = view.size
+    data.type, data.sensor_fit, data.sensor_width = "PERSP", "HORIZONTAL", 32.0
+    per_slope = 0.5 * p[0, 0] * width
+    data.lens = data.sensor_width * per_slope / width
+    origin = 0.5 * (1.0 - p[0, 2]) * width, 0.5 * (1.0 - p[1, 2]) * height
+    # Shifts count in widths, whatever the frame's height; pixels may be higher than wide.
+    aspect = (p[0, 0] * width) / (p[1, 1] * height)
+    data.shift_x = (0.5 * width - origin[0]) / width
+    data.shift_y = (0.5 * height - origin[1]) * aspect / width
+    data.clip_start = max(view.near, LEAST_CLIP)
+    data.clip_end = max(far, 2.0 * data.clip_start)
+    pose = np.eye(4)
+    pose[:3, :3] = view.to_camera[:3, :3].T
+    pose[:3, 3] = view.eye
+    camera.matrix_world = Matrix(pose.tolist())

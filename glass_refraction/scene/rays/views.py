@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Radiance views: cameras of the user's engine in whose pictures hits are looked up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..read.viewpoint import Viewpoint
+
+WIDEST = np.radians(70.0)
+"""Half angle that a capture opens to: beyond, pixels at its border are eight times as dense."""
+NARROWEST = np.radians(2.0)
+"""Half angle that a capture opens to at least: float32 cameras stay exact."""
+MARGIN = 1.04
+"""What a capture shows more than it must, for its pixel filter and the spline of a lookup."""
+
+
+@dataclass(frozen=True, eq=False)
+class RadianceView:
+    """A pinhole or parallel camera, the pixels that it draws, and the picture they lie in.
+
+    Attributes
+    ----------
+    eye : (3,) world.
+    to_camera : (4, 4) rigid: world to camera space, looking along −z.
+    projection : (4, 4): camera space to normalised device coordinates.
+    size : (width, height) of the whole frame, pixels.
+    region : (x0, y0, x1, y1) pixels of the frame that are drawn.
+    picture : (x0, y0, x1, y1) pixels of the frame that the picture holds.
+    near : metres before the eye, along the view direction, from where it sees.
+    is_parallel : orthographic.
+    sky_only : it shows the world alone.
+    """
+
+    eye: np.ndarray
+    to_camera: np.ndarray
+    projection: np.ndarray
+    size: tuple[int, int]
+    region: tuple[int, int, int, int]
+    picture: tuple[int, int, int, int]
+    near: float
+    is_parallel: bool = False
+    sky_only: bool = False
+
+    @property
+    def forward(self) -> np.ndarray:
+        """World direction (3,) into the scene."""
+        return -self.to_camera[2, :3]
+
+    @property
+    def focal_px(self) -> float:
+        """Pixels per unit of slope; in a parallel view pixels per metre."""
+        width, height = self.size
+        return 0.5 * min(abs(self.projection[0, 0]) * width, abs(self.projection[1, 1]) * height)
+
+    def pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Frame pixels (N, 2) of world points, and which (N,) lie in what is drawn."""
+        return self._project(points @ self.to_camera[:3, :3].T + self.to_camera[:3, 3])
+
+    def pixels_of_sky(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of points infinitely far away in world directions (N, 3)."""
+        if self.is_parallel:
+            return np.zeros((len(directions), 2)), np.zeros(len(directions), bool)
+        return self._project(directions @ self.to_camera[:3, :3].T, near=0.0)
+
+    def _project(self, local: np.ndarray, near: float | None = None):
+        near = self.near if near is None else near
+        p = self.projection
+        ahead = -local[:, 2]
+        if self.is_parallel:
+            w = np.ones(len(local))
+            ndc = local[:, :2] * (p[0, 0], p[1, 1]) + (p[0, 3], p[1, 3])
+        else:
+            w = np.where(ahead > 1e-12, ahead, 1.0)
+            ndc = (local[:, :2] * (p[0, 0], p[1, 1]) + local[:, 2:] * (p[0, 2], p[1, 2])) / w[
+                :, None
+            ]
+        found = (0.5 * ndc + 0.5) * self.size
+        x0, y0, x1, y1 = self.region
+        # The outermost half pixel has nothing to be interpolated with.
+        inside = (ahead > near) & np.all(
+            (found >= (x0 + 0.5, y0 + 0.5)) & (found <= (x1 - 0.5, y1 - 0.5)), axis=1
+        )
+        return found, inside
+
+    def uv(self, pixels: np.ndarray) -> np.ndarray:
+        """Places (N, 2) in the picture, 0 to 1 from its lower left corner."""
+        x0, y0, x1, y1 = self.picture
+        return (pixels - (x0, y0)) / (x1 - x0, y1 - y0)
+
+    def sight(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rays from where the view begins to see: origins, unit directions (N, 3), lengths (N,)."""
+        if self.is_parallel:
+            ahead = (points - self.eye) @ self.forward - self.near
+            origins = points - ahead[:, None] * self.forward
+            return origins, np.broadcast_to(self.forward, points.shape), ahead
+        towards = points - self.eye
+        length = np.linalg.norm(towards, axis=1)
+        directions = towards / np.maximum(length, 1e-300)[:, None]
+        skipped = self.near / np.maximum(directions @ self.forward, 1e-6)
+        return self.eye + directions * skipped[:, None], directions, length - skipped
+
+    def sky_sight(self, directions: np.ndarray) -> np.ndarray:
+        """Origins (N, 3) of the rays by which the view sees into these directions."""
+        skipped = self.near / np.maximum(directions @ self.forward, 1e-6)
+        return self.eye + directions * skipped[:, None]
+
+
+def direct_view(view: Viewpoint, region: tuple[int, int, int, int], near: float) -> RadianceView:
+    """The user's own camera."""
+    return RadianceView(
+        view.eye,
+        view.to_camera,
+        view.projection,
+        view.size,
+        region,
+        view.window,
+        near,
+        view.is_parallel,
+    )
+
+
+def aimed_view(
+    eye: np.ndarray,
+    directions: np.ndarray,
+    weights: np.ndarray,
+    near: float,
+    frame: RadianceView,
+    aspect: float,
+    most: float = 0.98,
+) -> RadianceView:
+    """A view from an eye, turned and opened to show directions.
+
+    Parameters
+    ----------
+    eye : (3,) world.
+    directions : (N, 3) unit, world, N ≥ 1. weights : (N,) what each is worth.
+    near : metres from where it sees.
+    frame : the direct view, for the frame's size, region and picture.
+    aspect : height of a pixel over its width.
+    most : share of the worth that decides how wide it opens.
+    """
+    axis = (weights[:, None] * directions).sum(axis=0)
+    length = np.linalg.norm(axis)
+    axis = axis / length if length > 1e-9 else directions[np.argmax(weights)]
+    up = np.array((0.0, 0.0, 1.0)) if abs(axis[2]) < 0.95 else np.array((0.0, 1.0, 0.0))
+    right = np.cross(axis, up)
+    right /= np.linalg.norm(right)
+    rotation = np.stack((right, np.cross(right, axis), -axis))
+    local = directions @ rotation.T
+    ahead = local[:, 2] < -np.cos(WIDEST)
+    slopes = local[ahead, :2] / -local[ahead, 2:]
+    bounds = np.array([[-1.0, -1.0], [1.0, 1.0]]) * np.tan(NARROWEST)
+    if len(slopes):
+        for axis_number in range(2):
+            low, high = _quantiles(slopes[:, axis_number], weights[ahead], 1.0 - most)
+            limit = np.tan(WIDEST)
+            low, high = max(low, -limit), min(high, limit)
+            middle, half = 0.5 * (low + high), 0.5 * (high - low) * MARGIN
+            half = max(half, np.tan(NARROWEST))
+            bounds[:, axis_number] = middle - half, middle + half
+    x0, y0, x1, y1 = frame.region
+    wide, high = bounds[1] - bounds[0]
+    # A pixel is `aspect` times as high as wide: as many slopes.
+    per_slope = min((x1 - x0) / wide, (y1 - y0) * aspect / high)
+    centre = 0.5 * (bounds[0] + bounds[1])
+    origin_x = 0.5 * (x0 + x1) - per_slope * centre[0]
+    origin_y = 0.5 * (y0 + y1) - per_slope / aspect * centre[1]
+    width, height = frame.size
+    projection = np.zeros((4, 4))
+    projection[0, 0] = 2.0 * per_slope / width
+    projection[1, 1] = 2.0 * per_slope / aspect / height
+    projection[0, 2] = 1.0 - 2.0 * origin_x / width
+    projection[1, 2] = 1.0 - 2.0 * origin_y / height
+    projection[3, 2] = -1.0
+    to_camera = np.eye(4)
+    to_camera[:3, :3] = rotation
+    to_camera[:3, 3] = -rotation @ eye
+    return RadianceView(
+        np.array(eye, float), to_camera, projection, frame.size, frame.region, frame.picture, near
+    )
+
+
+def _quantiles(values: np.ndarray, weights: np.ndarray, tail: float) -> tuple[float, float]:
+    """Values below and above which half of the tail's worth lies."""
+    order = np.argsort(values)
+    summed = np.cumsum(weights[order])
+    low, high = np.searchsorted(summed, np.array((0.5 * tail, 1.0 - 0.5 * tail)) * summed[-1])
+    return float(values[order[low]]), float(values[order[min(high, len(order) - 1)]])
+
+
+def virtual_eye(origins: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The point (3,) nearest to rays (N, 3) in weighted least squares: where they seem to meet.
+
+    It solves Σ w (1 − d dᵀ) c = Σ w (1 − d dᵀ) o; of parallel rays it is their mean origin.
+    """
+    outer = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    left = np.einsum("n,nij->ij", weights, outer)
+    mean = (weights[:, None] * origins).sum(axis=0) / weights.sum()
+    right = np.einsum("n,nij,nj->i", weights, outer, origins - mean)
+    offset, *_ = np.linalg.lstsq(left, right, rcond=1e-4)
+    return mean + offset

@@ -1,0 +1,499 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glass objects as optics descriptions: shape and media from the modifier, pose from the object."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import bpy
+import numpy as np
+
+from ... import optics
+from ...optics.axial import AxialGlass
+from ..names import RefractiveGlassError, own
+from .animation import may_change
+from .modifier_inputs import data_path, has_input, read_input
+from .visibility import rendered_objects
+
+# Blender's transforms are float32: differences up to this are rounding, not shear.
+_RIGID_TOLERANCE = 1e-4
+# What goes less deep into a glass than this, relative to its size, stands against it.
+_TOUCHING = 1e-3
+NAMED_SHAPES = ("Tumbler", "Revolution")
+"""Shapes whose light paths name their interfaces (`AxialGlass`)."""
+_ON_AXIS = 1e-3
+"""Part of a profile's size within which its end counts as on the axis."""
+# A liquid less deep than this, relative to its glass's radius, is none.
+_SHALLOW = 1e-5
+# Limits of absorption: the darkest colour and the shortest distance, metres.
+_DARKEST = 1e-6
+_SHORTEST = 1e-6
+# Of a cylinder or rod, metres: rays meet nothing that is lower.
+_LOWEST = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Glass:
+    """A glass of the scene.
+
+    Attributes
+    ----------
+    name : the object's name.
+    description : the optics description, in metres of world scale, in its own frame.
+    to_world : (4, 4) float64, rigid: from the description's frame to the world.
+    absorption : one (red, green, blue) for each of the description's media: absorption
+        coefficients a, per metre; exp(-a length) of the light remains (Beer and Lambert).
+    abbe : Abbe numbers of the glass and of its contents; 0: no dispersion.
+    band : "red", "green" or "blue" if this is the glass as such light finds it; else empty.
+    """
+
+    name: str
+    description: optics.FlatGlass | optics.CylinderGlass | optics.SphereGlass | AxialGlass
+    to_world: np.ndarray
+    absorption: tuple[tuple[float, float, float], ...] = ()
+    abbe: tuple[float, float] = (0.0, 0.0)
+    band: str = ""
+
+    def __post_init__(self) -> None:
+        self.to_world.flags.writeable = False
+
+    def stamp(self) -> tuple:
+        """What the optics depend on; equal stamps give equal pictures."""
+        return (self.key, self.description, self.to_world.tobytes(), self.absorption)
+
+    @property
+    def key(self) -> str:
+        """The glass's name, and that of the light it is computed for."""
+        return banded_key(self.name, self.band)
+
+    @property
+    def disperses(self) -> bool:
+        """Whether red, green and blue light go different ways."""
+        return any(self.abbe)
+
+    def bands(self) -> tuple[Glass, ...]:
+        """The glass as red, green and blue light find it; without dispersion itself alone."""
+        if not self.disperses or self.band:
+            return (self,)
+        return tuple(self.in_light(band) for band in optics.LINES)
+
+    def in_light(self, band: str) -> Glass:
+        """The glass as red, green or blue light finds it.
+
+        Raises
+        ------
+        ValueError
+            The Abbe number is too small.
+        """
+        wavelength, description = optics.LINES[band], self.description
+
+        def ior(medium: float, abbe: float) -> float:
+            return optics.dispersed_ior(medium, abbe, wavelength)
+
+        glass, contents = self.abbe
+        if isinstance(description, optics.FlatGlass):
+            layers = tuple(ior(medium, glass) for medium in description.ior)
+            seen = replace(description, ior=layers, ior_below=ior(description.ior_below, contents))
+        elif isinstance(description, AxialGlass):
+            media = ior(description.ior, glass), ior(description.liquid_ior, contents)
+            seen = replace(description, ior=media[0], liquid_ior=media[1])
+        else:
+            first, *others = description.ior
+            media = (ior(first, glass), *(ior(medium, contents) for medium in others))
+            seen = replace(description, ior=media)
+        return replace(self, description=seen, band=band)
+
+    def from_world(self) -> np.ndarray:
+        """(3, 4) float64: world points into the glass's frame."""
+        rotation = self.to_world[:3, :3].T
+        return np.column_stack((rotation, -rotation @ self.to_world[:3, 3]))
+
+    def to_local(self, points: np.ndarray) -> np.ndarray:
+        """World points (..., 3) in the glass's frame."""
+        return (np.asarray(points, float) - self.to_world[:3, 3]) @ self.to_world[:3, :3]
+
+    def direction_to_local(self, directions: np.ndarray) -> np.ndarray:
+        """World directions (..., 3) in the glass's frame."""
+        return np.asarray(directions, float) @ self.to_world[:3, :3]
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """(N,) which world points lie within the outer surface; what only touches it does not."""
+        local, description = self.to_local(points), self.description
+        if isinstance(description, optics.FlatGlass):
+            z, thickness = local[:, 2], sum(description.thickness)
+            low, high = np.min(description.outline, axis=0), np.max(description.outline, axis=0)
+            within = np.all((local[:, :2] > low) & (local[:, :2] < high), axis=1)
+            skin = _TOUCHING * thickness
+            return within & (z < -skin) & (z > skin - thickness)
+        if isinstance(description, AxialGlass):
+            radius, low, high = (part * description.scale for part in description.hull)
+            skin = _TOUCHING * (high - low)
+            inside = np.hypot(local[:, 0], local[:, 1]) < radius * (1 - _TOUCHING)
+            return inside & (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
+        inside = description.distance_from_axis(local) < description.radius[0] * (1 - _TOUCHING)
+        if isinstance(description, optics.CylinderGlass):
+            low, high = description.extent
+            skin = _TOUCHING * (high - low)
+            inside &= (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
+        return inside
+
+    @property
+    def is_tinted(self) -> bool:
+        """Whether any medium takes light away."""
+        return any(any(coefficients) for coefficients in self.absorption)
+
+    def transmittance(self, eye, directions: np.ndarray, path: optics.LightPath) -> np.ndarray:
+        """(M, 3) what the media let through along a path; 1 where the ray does not take it.
+
+        Parameters
+        ----------
+        eye : (3,) or (M, 3); directions : (M, 3); both in the glass's frame.
+        """
+        lengths, media = optics.path_lengths(unbounded(self.description), eye, directions, path)
+        depth = np.einsum("smc,sm->mc", np.asarray(self.absorption)[media], lengths)
+        return np.exp(-depth)
+
+    def points_to_world(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the glass's frame in the world."""
+        return points @ self.to_world[:3, :3].T + self.to_world[:3, 3]
+
+
+def banded_key(name: str, band: str) -> str:
+    """What is made for a glass in light of one colour is known by this."""
+    return f"{name} \u00b7 {band}" if band else name
+
+
+def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
+    """The object's ``Refractive Glass`` modifier, or None."""
+    for modifier in obj.modifiers:
+        if modifier.type == "NODES" and own(modifier.node_group, "glass"):
+            return modifier
+    return None
+
+
+def casts_shadow(obj: bpy.types.Object) -> bool:
+    """Whether the object is a glass that light on its way to other things notices."""
+    modifier = glass_modifier(obj)
+    if modifier is None or not has_input(modifier, "Casts Shadow"):
+        return False
+    return bool(read_input(modifier, "Casts Shadow"))
+
+
+def glass_objects(view_layer: bpy.types.ViewLayer, *, ever: bool = False) -> list[bpy.types.Object]:
+    """The objects of the view layer that are a glass and take part in renders.
+
+    ``ever``: those too that are hidden now and that another frame may show.
+    """
+    found = []
+    for obj in rendered_objects(view_layer, ever=ever):
+        modifier = glass_modifier(obj) if obj.type == "MESH" else None
+        if modifier is None:
+            continue
+        switch = f'modifiers["{modifier.name}"].show_render'
+        if modifier.show_render or (ever and may_change(obj, switch)):
+            found.append(obj)
+    return found
+
+
+def is_shown(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether a render shows the object at the moment of the depsgraph, a glass as a glass."""
+    evaluated = obj.evaluated_get(depsgraph)
+    modifier = glass_modifier(evaluated) if evaluated.type == "MESH" else None
+    return not evaluated.hide_render and (modifier is None or modifier.show_render)
+
+
+def may_disperse(obj: bpy.types.Object) -> bool:
+    """Whether a glass disperses light, or animation may make it."""
+    modifier = glass_modifier(obj)
+    names = [n for n in ("Abbe Number", "Contents Abbe Number") if has_input(modifier, n)]
+    if any(read_input(modifier, name) for name in names):
+        return True
+    return may_change(obj, *(data_path(modifier, name) for name in names))
+
+
+def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = None) -> list[Glass]:
+    """All glasses of the depsgraph's view layer as they are evaluated there.
+
+    Parameters
+    ----------
+    problems : takes one line for each glass that cannot be computed, which is then left out.
+        Without it the first such glass raises.
+
+    Raises
+    ------
+    RefractiveGlassError
+    """
+    glasses = []
+    for obj in glass_objects(depsgraph.view_layer):
+        try:
+            glasses.append(read_glass(obj, depsgraph))
+        except RefractiveGlassError as error:
+            if problems is None:
+                raise
+            problems.append(str(error))
+    return glasses
+
+
+def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
+    """One glass object as it is evaluated in the depsgraph.
+
+    Raises
+    ------
+    RefractiveGlassError
+        Sheared, unevenly scaled or mirrored object, impossible sizes or ior, no flat outline.
+    """
+    evaluated = obj.evaluated_get(depsgraph)
+    modifier = glass_modifier(evaluated)
+    pose, scale = rigid_pose(np.array(evaluated.matrix_world, float), obj.name)
+    shape = read_input(modifier, "Shape")
+    size = {
+        key: float(read_input(modifier, name)) * scale
+        for key, name in (("radius", "Radius"), ("wall", "Wall Thickness"), ("height", "Height"))
+    }
+    ior = float(read_input(modifier, "IOR"))
+    contents = float(read_input(modifier, "Contents IOR"))
+    try:
+        if shape == "Slab":
+            outline, frame = _flat_outline(obj, scale)
+            description = optics.FlatGlass(
+                (size["wall"],), (ior,), ior_below=contents, outline=outline
+            )
+            pose = pose @ frame
+        elif shape == "Tumbler":
+            bottom, level = (
+                float(read_input(modifier, name)) * scale
+                for name in ("Bottom Thickness", "Liquid Level")
+            )
+            description = _tumbler(size, bottom, level, ior, contents)
+        elif shape == "Revolution":
+            level = float(read_input(modifier, "Liquid Level")) * scale
+            profile = read_input(modifier, "Profile")
+            description = _revolution(profile, depsgraph, scale, ior, contents, level)
+        else:
+            description = _coaxial(shape, size, ior, contents)
+    except ValueError as error:
+        raise RefractiveGlassError(f'Glass "{obj.name}": {error}') from error
+    abbe = tuple(
+        float(read_input(modifier, name)) if has_input(modifier, name) else 0.0
+        for name in ("Abbe Number", "Contents Abbe Number")
+    )
+    glass = Glass(obj.name, description, pose, _absorption(modifier, description, scale), abbe)
+    try:
+        glass.bands()
+    except ValueError as error:
+        raise RefractiveGlassError(f'Glass "{obj.name}": {error}') from error
+    return glass
+
+
+def _absorption(modifier, description, scale: float) -> tuple[tuple[float, float, float], ...]:
+    """Coefficients of every medium; what lies around a glass takes no light."""
+    clear = (0.0, 0.0, 0.0)
+    found = []
+    for medium in ("", "Contents "):
+        if not has_input(modifier, f"{medium}Absorption Color"):
+            found.append(clear)
+            continue
+        colour = np.array(read_input(modifier, f"{medium}Absorption Color"), float)[:3]
+        distance = float(read_input(modifier, f"{medium}Absorption Distance")) * scale
+        # Black at no distance would be infinitely dense: as good as.
+        depth = -np.log(np.clip(colour, _DARKEST, 1.0)) / max(distance, _SHORTEST)
+        found.append(tuple(float(a) for a in depth + 0.0))
+    glass, contents = found
+    if isinstance(description, optics.FlatGlass):
+        # The length behind a slab is not the glass's: it ends wherever something is.
+        return (clear, glass, clear)
+    return (clear, glass, contents)[: len(description.media)]
+
+
+def _coaxial(shape: str, size: dict[str, float], ior: float, contents: float):
+    """The description of a cylinder, rod or sphere from its sizes in metres."""
+    radius, wall = size["radius"], size["wall"]
+    hollow = shape == "Cylinder" or (shape == "Sphere" and wall > 0)
+    if hollow and not 0 < wall < radius:
+        raise ValueError(f"wall thickness {wall:g} m must be between 0 and the radius {radius:g} m")
+    radii, media = ((radius, radius - wall), (ior, contents)) if hollow else ((radius,), (ior,))
+    if shape == "Sphere":
+        return optics.SphereGlass(radii, media)
+    if not (math.isfinite(size["height"]) and size["height"] >= _LOWEST):
+        raise ValueError(f"height {size['height']:g} m must be {_LOWEST:g} m or more")
+    return optics.CylinderGlass(radii, media, extent=(0.0, size["height"]))
+
+
+def _tumbler(size: dict[str, float], bottom: float, level: float, ior: float, contents: float):
+    """The description of a tumbler from its sizes in metres; more than full is full."""
+    radius, wall, height = size["radius"], size["wall"], size["height"]
+    for name, value, limit in (("wall", wall, radius), ("bottom", bottom, height)):
+        if not 0 < value < limit:
+            of = "radius" if name == "wall" else "height"
+            raise ValueError(
+                f"{name} thickness {value:g} m must be between 0 and the {of} {limit:g} m"
+            )
+    level = min(max(level, 0.0), height - bottom)
+    if level < _SHALLOW * radius:
+        level = 0.0
+    return optics.Tumbler(radius, wall, height, bottom, ior, contents, level)
+
+
+def _revolution(profile, depsgraph, scale: float, ior: float, contents: float, level: float):
+    """The description of a glass whose profile is a curve object; more than full is full."""
+    if profile is None or profile.type != "CURVE":
+        raise ValueError("choose a curve object as its profile")
+    splines = profile.evaluated_get(depsgraph).data.splines
+    if not 1 <= len(splines) <= 2:
+        raise ValueError(
+            f'profile "{profile.name}" must have one spline or two, the outside and the inside, '
+            f"not {len(splines)}"
+        )
+    sides = [_profile_points(spline) * scale for spline in splines]
+    inner = None
+    if len(sides) == 2:
+        inner = sides[1]
+        nodes = inner[:, 1] if inner.ndim == 3 else inner
+        level = min(max(level, 0.0), float(nodes[-1, 1] - nodes[0, 1]))
+    if inner is None or level < _SHALLOW * scale * np.abs(sides[0]).max():
+        level = None
+    return _kept_revolution(_nested(sides[0]), _nested(inner), ior, contents, level)
+
+
+@lru_cache(maxsize=32)
+def _kept_revolution(outer, inner, ior: float, contents: float, level: float | None):
+    """One description for equal profiles: it keeps tables that take time to make."""
+    return optics.RevolutionGlass(outer, inner, ior, contents, level)
+
+
+def _nested(array: np.ndarray | None):
+    """The array as tuples, which can be compared and hashed."""
+    if array is None or array.ndim == 0:
+        return None if array is None else float(array)
+    return tuple(_nested(part) for part in array)
+
+
+def _profile_points(spline) -> np.ndarray:
+    """Radius and height of a spline's points: (K, 3, 2) with handles, or (K, 2)."""
+    if spline.type == "BEZIER":
+        points = np.array(
+            [(p.handle_left, p.co, p.handle_right) for p in spline.bezier_points], float
+        )
+        nodes = points[:, 1]
+    else:
+        points = np.array([p.co[:3] for p in spline.points], float)
+        nodes = points
+    if len(nodes) < 2:
+        raise ValueError("each spline of the profile must have two or more points")
+    # Rounded to the axis: a curve drawn by hand ends there nearly.
+    found = points[..., (0, 2)]
+    ends = found[[0, -1], 1] if found.ndim == 3 else found[[0, -1]]
+    reach = np.abs(found).max()
+    for number, end in zip((0, -1), ends, strict=True):
+        if abs(end[0]) < _ON_AXIS * reach:
+            if found.ndim == 3:
+                found[number, 1, 0] = 0.0
+            else:
+                found[number, 0] = 0.0
+    return found
+
+
+def as_body(glass: Glass) -> Glass | None:
+    """The glass with all the faces that bound it; None if that is nothing that rays can meet."""
+    body = optics.body(glass.description)
+    return None if body is None else replace(glass, description=body)
+
+
+def unbounded(description):
+    """The glass without its outline or extent."""
+    if isinstance(description, optics.FlatGlass):
+        return optics.FlatGlass(
+            description.thickness, description.ior, description.ior_above, description.ior_below
+        )
+    if isinstance(description, optics.CylinderGlass):
+        return optics.CylinderGlass(description.radius, description.ior, description.ior_outside)
+    return description
+
+
+def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:
+    """Split a world matrix (4, 4) into a rigid one and a uniform scale.
+
+    Raises
+    ------
+    RefractiveGlassError
+        The matrix shears, mirrors or scales unevenly.
+    """
+    linear = matrix[:3, :3]
+    if not np.all(np.isfinite(matrix)):
+        raise RefractiveGlassError(
+            f'Glass "{name}" has a place that is no number: enter its location, rotation and scale '
+            "anew"
+        )
+    determinant = np.linalg.det(linear)
+    if determinant == 0:
+        raise RefractiveGlassError(f'Glass "{name}" has no size: its scale must not be zero')
+    scale = float(np.cbrt(determinant))
+    rotation = linear / scale
+    if scale < 0 or np.abs(rotation.T @ rotation - np.eye(3)).max() > _RIGID_TOLERANCE:
+        raise RefractiveGlassError(
+            f'Glass "{name}" is sheared, mirrored or scaled unevenly: apply its scale (Ctrl A) or '
+            "clear it, also on its parents"
+        )
+    # The nearest rotation: float32 matrices are orthogonal to seven digits only.
+    u, _, vt = np.linalg.svd(rotation)
+    pose = np.eye(4)
+    pose[:3, :3] = u @ vt
+    pose[:3, 3] = matrix[:3, 3]
+    return pose, scale
+
+
+def _flat_outline(obj: bpy.types.Object, scale: float) -> tuple[np.ndarray, np.ndarray]:
+    """The boundary polygon (K, 2), in metres, of a flat mesh and the frame (4, 4) of its plane.
+
+    The frame's z is the mesh's normal; its origin lies in the plane (in metres of world scale).
+    """
+    mesh = obj.data
+    if not len(mesh.polygons):
+        raise ValueError("a slab's mesh must have a face: it is the slab's outline")
+    loop = _boundary_loop(mesh)
+    corners = np.array([mesh.vertices[i].co for i in loop], float) * scale
+    origin = corners.mean(axis=0)
+    area = sum((np.array(p.normal) * p.area for p in mesh.polygons), np.zeros(3))
+    length = np.linalg.norm(area)
+    if length == 0:
+        raise ValueError("a slab's mesh must have an area")
+    normal = area / length
+    extent = np.ptp(corners, axis=0).max()
+    if np.abs((corners - origin) @ normal).max() > 1e-4 * extent:
+        raise ValueError("a slab's mesh must be flat")
+    frame = np.eye(4)
+    # The helper axis is the one least along the normal, so an upright pane keeps x and y.
+    helper = np.eye(3)[int(np.argmin(np.abs(normal[:2])))] if abs(normal[2]) < 0.9 else np.eye(3)[0]
+    x = helper - normal * (helper @ normal)
+    x /= np.linalg.norm(x)
+    frame[:3, :3] = np.column_stack((x, np.cross(normal, x), normal))
+    frame[:3, 3] = origin
+    return (corners - origin) @ frame[:3, :2], frame
+
+
+def _boundary_loop(mesh: bpy.types.Mesh) -> list[int]:
+    """The vertices round the mesh's one boundary, in order."""
+    neighbours: dict[int, list[int]] = {}
+    uses: dict[tuple[int, int], int] = {}
+    for polygon in mesh.polygons:
+        for key in polygon.edge_keys:
+            uses[key] = uses.get(key, 0) + 1
+    for (a, b), count in uses.items():
+        if count == 1:
+            neighbours.setdefault(a, []).append(b)
+            neighbours.setdefault(b, []).append(a)
+    if not neighbours or any(len(n) != 2 for n in neighbours.values()):
+        raise ValueError("a slab's mesh must have one simple boundary")
+    start = min(neighbours)
+    loop, previous = [start], None
+    while True:
+        following = next((n for n in neighbours[loop[-1]] if n != previous), start)
+        if following == start:
+            break
+        previous = loop[-1]
+        loop.append(following)
+    if len(loop) != len(neighbours):
+        raise ValueError("a slab's mesh must have one boundary without holes")
+    return loop

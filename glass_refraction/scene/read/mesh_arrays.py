@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A source's triangles and attributes out of Blender's meshes, and refined ones back into one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+
+from ..vertices.tessellation import Triangles
+from .arrays import corner_normals, read_attribute, write_attribute
+from .sources import Piece, world_positions
+
+# Attributes that Blender makes from the mesh itself or that belong to other domains.
+_LEFT_OUT = {"position", "custom_normal", "sharp_edge", ".edge_verts"}
+_INTERPOLATED = {"FLOAT", "FLOAT2", "FLOAT_VECTOR", "FLOAT_COLOR", "BYTE_COLOR"}
+_TAKEN_OVER = {"INT", "INT8", "BOOLEAN"}
+
+
+@dataclass(eq=False)
+class SourceMesh:
+    """The triangles of a source in the world, with what its corners, vertices and faces carry.
+
+    Attributes
+    ----------
+    points : (N, 3) float64, world. corners : (T, 3) vertex indices.
+    at_corner : name -> (kind, (T, 3, k)) values of the triangles' corners.
+    of_face : name -> (kind, (T, k)) values of the triangles' faces.
+    normals : (T, 3, 3) corner normals in the world.
+    """
+
+    points: np.ndarray
+    corners: np.ndarray
+    normals: np.ndarray
+    at_corner: dict[str, tuple[str, np.ndarray]] = field(default_factory=dict)
+    of_face: dict[str, tuple[str, np.ndarray]] = field(default_factory=dict)
+
+
+def read_triangles(parts: list[Piece]) -> np.ndarray:
+    """The triangles (T, 3) of the pieces, by vertices as they are numbered one after another."""
+    starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts])
+    found = [
+        _loop_triangles(p.mesh, "vertices") + s for p, s in zip(parts, starts[:-1], strict=True)
+    ]
+    return np.concatenate(found or [np.empty((0, 3), np.int32)])
+
+
+def _loop_triangles(mesh: bpy.types.Mesh, what: str) -> np.ndarray:
+    """A property of each of a mesh's triangles: (T, 3), or (T,) of ``polygon_index``."""
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    out = np.empty(count if what == "polygon_index" else (count, 3), np.int32)
+    mesh.loop_triangles.foreach_get(what, out.ravel())
+    return out
+
+
+def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = None) -> SourceMesh:
+    """Join the pieces of a source; materials of later pieces follow those of earlier ones.
+
+    Parameters
+    ----------
+    extra : further point attributes, name -> (N, 3), for all vertices in the pieces' order.
+    """
+    normals, slots = [], 0
+    at_corner: dict[str, list] = {}
+    of_face: dict[str, list] = {}
+    counts = []
+    for part in parts:
+        mesh = part.mesh
+        vertices, loops, faces = (
+            _loop_triangles(mesh, what) for what in ("vertices", "loops", "polygon_index")
+        )
+        count = len(vertices)
+        turn = np.linalg.inv(part.to_world[:3, :3]).T
+        normals.append(_unit(corner_normals(mesh)[loops] @ turn.T))
+        for attribute in mesh.attributes:
+            if attribute.name in _LEFT_OUT or attribute.domain == "EDGE":
+                continue
+            kind, domain = attribute.data_type, attribute.domain
+            if kind in _INTERPOLATED and domain in {"POINT", "CORNER"}:
+                values = read_attribute(attribute)[vertices if domain == "POINT" else loops]
+                at_corner.setdefault(attribute.name, []).append((len(counts), kind, values))
+            elif kind in _INTERPOLATED | _TAKEN_OVER and domain == "FACE":
+                values = read_attribute(attribute)[faces]
+                of_face.setdefault(attribute.name, []).append((len(counts), kind, values))
+        material = np.zeros((count, 1), np.int32)
+        if "material_index" in mesh.attributes:
+            material = read_attribute(mesh.attributes["material_index"])[faces]
+        of_face.setdefault("material_index", [])
+        of_face["material_index"] = [
+            e for e in of_face["material_index"] if e[0] != len(counts)
+        ] + [(len(counts), "INT", material + slots)]
+        slots += max(1, len(mesh.materials))
+        counts.append(count)
+    joined = read_triangles(parts)
+    source = SourceMesh(world_positions(parts), joined, np.concatenate(normals))
+    source.at_corner = {n: _filled(v, counts) for n, v in at_corner.items()}
+    source.of_face = {n: _filled(v, counts) for n, v in of_face.items()}
+    for name, values in (extra or {}).items():
+        source.at_corner[name] = ("FLOAT_VECTOR", values[joined])
+    return source
+
+
+def _filled(entries: list, counts: list[int]) -> tuple[str, np.ndarray]:
+    """One array over all pieces; pieces without the attribute, or with another kind, get zeros."""
+    kind, shape = entries[0][1], entries[0][2].shape[1:]
+    blocks = {number: values for number, k, values in entries if k == kind}
+    return kind, np.concatenate(
+        [
+            blocks.get(number, np.zeros((count, *shape), entries[0][2].dtype))
+            for number, count in enumerate(counts)
+        ]
+    )
+
+
+def write_mesh(mesh: bpy.types.Mesh, source: SourceMesh, triangles: Triangles) -> None:
+    """Write triangles, with the source's attributes, into the mesh, at their true places.
+
+    The original normals go into ``rg_normal``.
+    """
+    mesh.clear_geometry()
+    count = len(triangles.corners)
+    mesh.vertices.add(len(triangles.points))
+    mesh.loops.add(3 * count)
+    mesh.polygons.add(count)
+    mesh.loops.foreach_set("vertex_index", triangles.corners.astype(np.int32).ravel())
+    mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
+    write_attribute(mesh, "position", triangles.points, "FLOAT_VECTOR")
+    mesh.update(calc_edges=True)
+    for name, (kind, values) in source.at_corner.items():
+        write_attribute(mesh, name, _at(values, triangles), kind, "CORNER")
+    for name, (kind, values) in source.of_face.items():
+        write_attribute(mesh, name, values[triangles.origin], kind, "FACE")
+    write_attribute(
+        mesh, "rg_normal", _unit(_at(source.normals, triangles)), "FLOAT_VECTOR", "CORNER"
+    )
+
+
+def _at(values: np.ndarray, triangles: Triangles) -> np.ndarray:
+    """Values (T, 3, k) of source corners, interpolated at the corners of the parts: (L, k)."""
+    mixed = np.einsum("tij,tjk->tik", triangles.weights, values[triangles.origin])
+    return mixed.reshape(-1, values.shape[2])
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1.0)

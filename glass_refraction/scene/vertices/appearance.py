@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a source appears along one light path of one glass: solved, refined, followed.
+
+Found *exactly*, every edge that could miss is looked at and the answer depends on nothing that came
+before, so a frame looks the same in any order. Found *live*, the triangles of the last time are
+kept, the solve starts from where the vertices appeared then, and only the edges that missed most
+are looked at; if those miss now, all is found exactly again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ... import optics
+from ..read.arrays import affine
+from ..read.glasses import Glass, unbounded
+from ..read.mesh_arrays import SourceMesh, read_source_mesh, read_triangles
+from ..read.sources import Piece, Snapshot
+from ..read.viewpoint import Viewpoint
+from .tessellation import (
+    EdgeImages,
+    Images,
+    Probe,
+    Triangles,
+    may_hide_more,
+    overlaps,
+    refine,
+    view_pixels,
+)
+
+FAINT = 0.5
+"""Paths with less of the light than this show an object only where a probe's ray comes near it."""
+WATCHED = 512
+"""Edges that a live update looks at: those that missed most the last time all were looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solver:
+    """Where world points appear along one path of one glass."""
+
+    glass: Glass
+    path: optics.LightPath
+    view: Viewpoint
+    tolerance_px: float
+
+    def __call__(self, points: np.ndarray, guess=None) -> optics.ApparentPoints:
+        """Apparent points of (N, 3) world points, in the glass's frame.
+
+        The solve takes the glass as unbounded: its region, not the copy, ends where it ends, and a
+        face that crosses the border then needs no vertex on it.
+        """
+        return self.of_local(self.glass.to_local(points), guess)
+
+    def of_local(self, points: np.ndarray, guess=None) -> optics.ApparentPoints:
+        """The same of points in the glass's frame."""
+        view, eye = self.view, self.view.eye_for(self.glass)
+        tolerance = 1e-9 if view.is_parallel else self.tolerance_px / view.focal_px
+        return optics.apparent_points(
+            unbounded(self.glass.description),
+            self.path,
+            eye,
+            points,
+            tolerance=tolerance,
+            guess=guess,
+            # What an open path shows on earlier stretches is another open path's to show.
+            last=self.path.open,
+        )
+
+    def images(self, points: np.ndarray) -> Images:
+        """The same in the world."""
+        return self.in_world(self(points))
+
+    def in_world(self, found: optics.ApparentPoints) -> Images:
+        """A result taken from the glass's frame to the world."""
+        position = np.empty(found.position.shape)
+        for slot, local in enumerate(found.position):
+            affine(local, self.glass.to_world[:3], position[slot])
+        return Images(position, found.valid, found.stretch)
+
+
+class Source:
+    """A source opened for reading; what of it is asked for is read once.
+
+    Lives inside the ``with`` block of :func:`sources.pieces`.
+    """
+
+    def __init__(self, parts: list[Piece], carried: bool, extra: dict[str, np.ndarray]) -> None:
+        """
+        Parameters
+        ----------
+        carried : Geometry Nodes can take the source's mesh; else the carrier must hold it.
+        extra : coordinates of the true place, name -> (N, 3), that materials need.
+        """
+        self.parts, self.carried, self.extra = parts, carried, extra
+        self.snapshot = Snapshot.of(parts)
+        self._mesh: SourceMesh | None = None
+
+    def __len__(self) -> int:
+        return len(self.snapshot)
+
+    def unchanged(self, before: Source) -> bool:
+        """Whether all that images and carriers depend on is as it was."""
+        return (
+            self.snapshot.same(before.snapshot)
+            and self.extra.keys() == before.extra.keys()
+            and all(np.array_equal(self.extra[name], before.extra[name]) for name in self.extra)
+        )
+
+    def mesh(self) -> SourceMesh:
+        """The source's triangles with all that their corners and faces carry."""
+        if self._mesh is None:
+            self._mesh = read_source_mesh(self.parts, self.extra)
+        return self._mesh
+
+    def corners(self) -> np.ndarray:
+        """The triangles' vertices (T, 3)."""
+        return read_triangles(self.parts)
+
+    def close(self) -> None:
+        """Let go of what lives only inside the ``with`` block."""
+        self.parts, self._mesh = [], None
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """Where a source appears.
+
+    Attributes
+    ----------
+    triangles : what is drawn, at its true place: the source's own triangles, or parts of them.
+    of_source : (T, 3) the source's own triangles' vertices, of which refined ones are parts.
+    refined : they are parts.
+    found : where the triangles' points appear, in the glass's frame; None if that was not asked.
+    images : the same in the world; None if nothing can be seen in the region.
+    bound_px : the largest gap between a straight image edge and the true image; found live, the
+        largest of the watched edges.
+    watched : (K, 2) edges for the next live update; None: yet to be chosen.
+    topology : of the source, as ``Snapshot`` says.
+    exact : found exactly.
+    """
+
+    triangles: Triangles
+    of_source: np.ndarray
+    refined: bool
+    found: optics.ApparentPoints | None
+    images: Images | None
+    bound_px: float
+    watched: np.ndarray | None
+    topology: tuple
+    exact: bool
+
+    @property
+    def vertices(self) -> int:
+        """How many there are to draw."""
+        return 0 if self.images is None else self.images.valid.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What appearances along one path of one glass are found with.
+
+    Attributes
+    ----------
+    probe : rays of the path's region.
+    rect : pixels that the glass covers; what appears beside them is left out.
+    max_gap_px : triangles whose edges miss the true image by more are split.
+    importance : the path's part of the light, which limits how many vertices it is worth.
+    """
+
+    solver: Solver
+    probe: Probe
+    rect: tuple[int, int, int, int]
+    max_gap_px: float
+    importance: float
+
+    def exactly(
+        self, source: Source, before: Appearance | None = None, start: Appearance | None = None
+    ) -> Appearance:
+        """Where the source appears.
+
+        Parameters
+        ----------
+        before : what was found before; only saves sorting the same edges again.
+        start : what was found of the same moment in light of another colour; saves steps.
+        """
+        points, corners = source.snapshot.world(), source.corners()
+        triangles = Triangles.whole(points, corners)
+        if before is not None and np.array_equal(corners, before.triangles.corners):
+            triangles = before.triangles.moved(points)
+        if self._passes_by(points):
+            return self._unseen(source, triangles, corners, None)
+        guess = None
+        if start is not None and not start.refined and start.topology == source.snapshot.topology:
+            guess = start.found
+        found = self.solver.of_local(self._local(source), guess)
+        images = self.solver.in_world(found)
+        edges, near = self._edges(triangles, images)
+        wrong = edges.wrong(near, self.max_gap_px).any() or not source.carried
+        if (near.any() and wrong) or may_hide_more(images):
+            refined = refine(
+                triangles,
+                self.solver.images,
+                self.probe,
+                self.solver.view,
+                self.rect,
+                self.max_gap_px,
+                self.importance,
+            )
+            if not refined.visible:
+                return self._unseen(source, triangles, corners, found)
+            triangles, bound = refined.triangles, refined.bound_px
+            found = self.solver(triangles.points)
+            images = self.solver.in_world(found)
+            watched, is_refined = None, True
+        elif not near.any():
+            return self._unseen(source, triangles, corners, found)
+        else:
+            bound, watched, is_refined = edges.bound(near), edges.worst(near, WATCHED), False
+        return Appearance(
+            triangles,
+            corners,
+            is_refined,
+            found,
+            images,
+            bound,
+            watched,
+            source.snapshot.topology,
+            True,
+        )
+
+    def live(self, source: Source, before: Appearance | None) -> Appearance:
+        """The same, starting from what was found ``before`` the source or the eye moved."""
+        if before is None or before.topology != source.snapshot.topology:
+            return self.exactly(source)
+        if before.found is None and self._passes_by(source.snapshot.world()):
+            return before
+        if before.refined:
+            triangles = before.triangles.followed(source.snapshot.world(), before.of_source)
+            found = self.solver(triangles.points, before.found)
+        else:
+            triangles = before.triangles.moved_to(source.snapshot.world)
+            found = self.solver.of_local(self._local(source), before.found)
+        images = self.solver.in_world(found)
+        if before.images is None:
+            if may_hide_more(images) or self._reaches(images):
+                return self.exactly(source, before)
+            return self._unseen(source, triangles, before.of_source, found)
+        watched = before.watched
+        if watched is None:
+            all_edges, near = self._edges(triangles, images)
+            watched = all_edges.worst(near, WATCHED)
+        ends = watched.ravel()
+        points = triangles.points[ends] if before.refined else source.snapshot.some(ends)
+        edges = self._watched(points, images, watched)
+        every = np.ones(len(watched), bool)
+        if edges.wrong(every, self.max_gap_px).any():
+            return self.exactly(source, before)
+        return replace(
+            before,
+            triangles=triangles,
+            found=found,
+            images=images,
+            bound_px=edges.bound(every),
+            watched=watched,
+            exact=False,
+        )
+
+    def _local(self, source: Source) -> np.ndarray:
+        """The source's vertices in the glass's frame, without a detour by the world."""
+        return source.snapshot.placed(self.solver.glass.from_world())
+
+    def _passes_by(self, points: np.ndarray) -> bool:
+        """A faint path is not searched for objects that its rays pass by."""
+        if not len(points):
+            return True
+        return self.importance < FAINT and not self.probe.meets_box(points)
+
+    def _unseen(self, source: Source, triangles, of_source, found) -> Appearance:
+        watched = np.empty((0, 2), int)
+        topology = source.snapshot.topology
+        return Appearance(triangles, of_source, False, found, None, 0.0, watched, topology, True)
+
+    def _edges(self, triangles: Triangles, images: Images) -> tuple[EdgeImages, np.ndarray]:
+        """All edges, measured where they could miss, and which of them (E,) may be seen."""
+        edges, triangle_edges = triangles.edges()
+        view = self.solver.view
+        found = EdgeImages(triangles.points, edges, images, view)
+        near = found.near(triangle_edges, self.rect)
+        asked = np.nonzero(found.doubtful(near, self.max_gap_px, may_hide_more(images)))[0]
+        if len(asked):
+            middles = triangles.points[edges[asked]].mean(axis=1)
+            found.measure(asked, self.solver.images(middles))
+            near = found.near(triangle_edges, self.rect)
+        return found, near
+
+    def _watched(self, points: np.ndarray, images: Images, edges: np.ndarray) -> EdgeImages:
+        """Some edges (K, 2) alone, whose ends are the points (2 K, 3), measured."""
+        ends = edges.ravel()
+        some = Images(images.position[:, ends], images.valid[:, ends], images.stretch)
+        pairs = np.arange(len(ends)).reshape(-1, 2)
+        found = EdgeImages(points, pairs, some, self.solver.view)
+        if len(edges):
+            middles = self.solver.images(points.reshape(-1, 2, 3).mean(axis=1))
+            found.measure(np.arange(len(edges)), middles)
+        return found
+
+    def _reaches(self, images: Images) -> bool:
+        """Whether a vertex appears in the rectangle."""
+        for position, valid in zip(images.position, images.valid, strict=True):
+            places = view_pixels(self.solver.view, position[valid])
+            if overlaps(np.concatenate((places, places), axis=1), self.rect).any():
+                return True
+        return False
+
+
+def moment_of(solver: Solver, source: Source, shape: Appearance) -> np.ndarray | None:
+    """Where the vertices of ``shape`` are at another moment: (B, N, 3), slot for slot.
+
+    For motion blur: the triangles stay. None where that cannot be: nothing is drawn, or the
+    source has other vertices now.
+    """
+    if shape.images is None or shape.topology != source.snapshot.topology:
+        return None
+    points = source.snapshot.world()
+    if shape.refined:
+        points = shape.triangles.followed(points, shape.of_source).points
+    found = solver(points, shape.found)
+    images = solver.in_world(found)
+    position = shape.images.position.copy()
+    for slot, sheet in enumerate(shape.found.sheet):
+        if sheet in found.sheet:
+            position[slot] = images.position[found.sheet.index(sheet)]
+    return position
