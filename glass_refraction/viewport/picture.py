@@ -20,7 +20,7 @@ from .. import optics
 from ..optics.axial import AxialGlass
 from ..scene.changes import generation
 from ..scene.names import RefractiveGlassError
-from ..scene.read.glasses import Glass, glass_objects, read_glass
+from ..scene.read.glasses import Glass, glass_objects, is_mesh_glass, read_glass
 from ..scene.read.sources import pieces, seen_through, source_objects
 from ..scene.read.viewpoint import Viewpoint
 from ..scene.update import MAX_TOLERANCE_PX, kept_paths
@@ -179,7 +179,7 @@ class Picture:
         version = self._versions
         tasks = []
         panes = {}
-        for obj in [o for o in glass_objects(view_layer) if visible(o)]:
+        for obj in [o for o in glass_objects(view_layer) if visible(o) and not is_mesh_glass(o)]:
             try:
                 glass = read_glass(obj, depsgraph)
                 pane = self._pane(scene, glass, view, exact)

@@ -14,8 +14,9 @@ import numpy as np
 from ... import optics
 from ..memory import counters
 from ..read.glasses import Glass, as_body
+from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
-from .caster import Caster
+from .caster import Casters
 from .curtain import curtain
 from .exits import (
     SIDES,
@@ -29,6 +30,7 @@ from .exits import (
     sun_light,
 )
 from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
+from .meshes import GlassMeshes
 from .radiance import Sky, known_light, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .things import Things
@@ -132,14 +134,15 @@ class Glints:
     colour: np.ndarray
 
 
-def compute(frame: FrameInput, caster: Caster, room: Room) -> FrameResult:
+def compute(frame: FrameInput, casters: Casters, room: Room) -> FrameResult:
     """The pictures of one frame."""
     bodies = [body for body in map(as_body, frame.glasses) if body is not None]
     centre, scale = _place_and_size(bodies, frame.view)
-    caster.aim(frame.things, centre, scale)
-    scene = Scene(caster, frame.things, sky_is_known=frame.sky.radiance is not None)
+    casters.things.aim(frame.things, centre, scale)
+    meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
+    scene = Scene(casters.things, frame.things, sky_is_known=frame.sky.radiance is not None)
     direct = direct_view(frame.view, frame.region, frame.near)
-    rays, shown, views, glints = _followed(frame, scene, direct, bodies, scale, room)
+    rays, shown, views, glints = _followed(frame, scene, direct, bodies, meshes, scale, room)
     return _summed(frame, scene, views, rays, shown, glints)
 
 
@@ -181,7 +184,13 @@ def _cut(rect, region) -> tuple[int, int, int, int]:
 
 
 def _followed(
-    frame: FrameInput, scene: Scene, direct: RadianceView, bodies, scale: float, room: Room
+    frame: FrameInput,
+    scene: Scene,
+    direct: RadianceView,
+    bodies: Sequence[Glass],
+    meshes: GlassMeshes,
+    scale: float,
+    room: Room,
 ):
     """The picture's rays, what shows their hits, all views, and the suns' glints."""
     view = frame.view
@@ -201,6 +210,7 @@ def _followed(
                 min_weight=frame.min_weight,
                 cast=scene.caster.cast,
                 things=boxes,
+                meet=meshes.meet if meshes else None,
                 fresnel=frame.fresnel,
             )
             counters["exit_rays"] += len(origins)
@@ -247,7 +257,7 @@ def _followed(
     return rays, shown, views, glint
 
 
-def _bands(glasses: Sequence[Glass]) -> list[tuple[str, list[optics.PlacedGlass]]]:
+def _bands(glasses: Sequence[Glass]) -> list[tuple[str, list[optics.Placed]]]:
     """The glasses as the tracer takes them, in light of each band; one band without dispersion."""
     names = list(optics.LINES) if any(glass.disperses for glass in glasses) else [""]
     found = []
@@ -258,12 +268,22 @@ def _bands(glasses: Sequence[Glass]) -> list[tuple[str, list[optics.PlacedGlass]
     return found
 
 
-def _placed(body: Glass) -> optics.PlacedGlass:
+def _placed(body: Glass) -> optics.Placed:
+    mesh = body.description
+    if isinstance(mesh, MeshGlass):
+        return optics.PlacedMesh(
+            mesh.ior,
+            body.absorption[1],
+            body.priority,
+            mesh.roughness,
+            mesh.box,
+            (mesh.refracted, mesh.reflected),
+        )
     media = len(body.description.media)
     absorption = np.zeros((media, 3))
     known = np.array(body.absorption[:media]).reshape(-1, 3)
     absorption[: len(known)] = known
-    return optics.PlacedGlass(body.description, body.to_world, absorption)
+    return optics.PlacedGlass(body.description, body.to_world, absorption, body.priority)
 
 
 def _boxes(things: Things) -> np.ndarray:
