@@ -168,6 +168,7 @@ class _Followed:
     things: Floats | None
     accuracy: float | None
     pixel: NDArray[np.int64]
+    sample: NDArray[np.int64]
     media: Media = field(init=False)
     meshes: list[int] = field(init=False)
     alpha: Floats = field(init=False)
@@ -387,46 +388,45 @@ class _Followed:
         reflectance[straight] = 0.0
 
         events = live.events + ~straight
-        enough, dropped = [], [(live.ray[:0], live.weight[:0])]
-        shares = live.weight * (1.0 - reflectance), live.weight * reflectance
-        for weight in shares:
-            keep = weight > self._least(live, events, straight)
-            keep &= events <= self.most_events
-            rest = np.flatnonzero(~keep & (weight > 0.0))
-            dropped.append((live.ray[rest], weight[rest]))
-            enough.append(keep)
-        passed, on, back = enough[0], *(np.flatnonzero(keep) for keep in enough)
-
-        through = live.take(on)
+        least = self._least(live, events, straight)
+        weights = live.weight * (1.0 - reflectance), live.weight * reflectance
+        enough = [(weight > least) & (events <= self.most_events) for weight in weights]
+        rest = [np.flatnonzero(~e & (w > 0.0)) for e, w in zip(enough, weights, strict=True)]
+        dropped = (
+            np.concatenate([live.ray[some] for some in rest]),
+            np.concatenate([w[some] for w, some in zip(weights, rest, strict=True)]),
+        )
+        on, back = (np.flatnonzero(part) for part in enough)
         turned = refracted(direction, normal, cosine, behind, eta)
-        through.direction = np.where(straight, direction, turned)[:, on]
-        through.weight, through.events = shares[0][on], events[on]
-        through.medium, through.entered = met.after[:, on], crossing.entered[:, on]
-        code = _interface_code(met.glass, met.interface)
-        folded = fold(through.path, code[on])
-        through.path = np.where(straight[on], through.path, folded)
-        if self.meshes:
-            # Off all faces that were passed here, which float32 puts a little before or behind.
-            through.place -= CLEARANCE * near[on] * flat[:, on]
-        through.aside = np.zeros((3, len(on)))
-
-        off = live.take(back)
+        turned = np.where(straight, direction, turned)
         mirrored = direction + (2.0 * cosine) * normal
-        off.direction = units(mirrored[:, back])
-        off.weight, off.events = shares[1][back], events[back]
+        live.events = events
+        through = self._child(live, on, turned, weights[0])
+        through.medium, through.entered = met.after[:, on], crossing.entered[:, on]
+        off = self._child(live, back, units(mirrored), weights[1])
         if self.tints is not None:
             through.depth += np.where(straight, 0.0, self.tints[0, met.glass].T)[:, on]
             off.depth += self.tints[1, met.glass[back]].T
-        off.path = fold(off.path, code[back] + 1)
         if self.meshes:
+            # Off all faces met here, which float32 puts a little before the place or behind it.
+            through.place -= CLEARANCE * near[on] * flat[:, on]
             off.place += CLEARANCE * near[back] * flat[:, back]
         # A thing that touches is on the other side, whatever the rounding of its distance.
         off.aside = lift[back] * flat[:, back]
+        code = _interface_code(met.glass, met.interface)
+        through.path = np.where(straight[on], through.path, fold(through.path, code[on]))
+        off.path = fold(off.path, code[back] + 1)
+        touches = lift[on] > 0.0
+        seen, through = (through.take(np.flatnonzero(part)) for part in (touches, ~touches))
+        return seen, _Live.join([through, off]), dropped
 
-        meets = ((lift > 0.0) & passed)[on]
-        seen, through = through.take(np.flatnonzero(meets)), through.take(np.flatnonzero(~meets))
-        ray, weight = (np.concatenate(column) for column in zip(*dropped, strict=True))
-        return seen, _Live.join([through, off]), (ray, weight)
+    @staticmethod
+    def _child(live: _Live, which, direction: Floats, weight: Floats) -> _Live:
+        """Some of the rays in other directions, with other weights."""
+        child = live.take(which)
+        child.direction, child.weight = direction[:, which], weight[which]
+        child.aside = np.zeros((3, len(which)))
+        return child
 
     def _least(self, live: _Live, events, straight) -> Floats:
         """The weight that a ray must have more than to be followed."""
@@ -474,7 +474,9 @@ class _Followed:
         live.weight[fresh] /= FACETS
         some = np.flatnonzero(rough[rows])
         normal, flat = crossing.normal[:, some], crossing.flat[:, some]
-        places = facet_shares(self.pixel[live.ray[some]], live.facet[some], live.events[some])
+        ray = live.ray[some]
+        number = self.sample[ray] * FACETS + live.facet[some]
+        places = facet_shares(self.pixel[ray], number, live.events[some])
         facet = visible_facets(normal, live.direction[:, some], alpha[rows[some]], *places)
         facet = bent(facet, flat, live.direction[:, some], crossing.eta[some])
         crossing.normal = crossing.normal.copy()
@@ -645,13 +647,11 @@ def _interface_code(glass, interface) -> NDArray[np.int64]:
     return (glass.astype(np.int64) * STAMPS + interface) * 2 + 1
 
 
-def _pixels(pixel: ArrayLike | None, total: int) -> NDArray[np.int64]:
-    if pixel is None:
-        return np.arange(total)
-    pixels = np.asarray(pixel)
-    if pixels.shape != (total,) or pixels.dtype.kind not in "iu":
-        raise ValueError(f"pixel must be {total} integers, not {pixels.dtype} {pixels.shape}")
-    return pixels.astype(np.int64)
+def _integers(name: str, value: ArrayLike, total: int) -> NDArray[np.int64]:
+    numbers = np.asarray(value)
+    if numbers.shape != (total,) or numbers.dtype.kind not in "iu":
+        raise ValueError(f"{name} must be {total} integers, not {numbers.dtype} {numbers.shape}")
+    return numbers.astype(np.int64)
 
 
 def exit_rays(
@@ -667,6 +667,7 @@ def exit_rays(
     fresnel: bool = True,
     accuracy: float | None = None,
     pixel: ArrayLike | None = None,
+    sample: ArrayLike | None = None,
 ) -> ExitRays:
     """Follow rays through glasses along all ways that carry enough of the light.
 
@@ -699,9 +700,10 @@ def exit_rays(
     accuracy
         Metres by which distances of `cast` may be off; a thing touches an interface within twice
         that too. None: `GRAIN` of the longest side of a box in `things`, or 0 without.
-    pixel : (M,) int, optional
-        What chooses the facets of rough glasses: the same numbers, the same facets, whatever moves.
-        None: the rays' own numbers.
+    pixel, sample : (M,) int, optional
+        Choose the facets of rough glasses: the same numbers, the same facets, whatever moves. The
+        rays of one pixel, numbered by `sample`, have facets that are spread evenly. None: every ray
+        is a pixel of its own.
 
     Raises
     ------
@@ -728,7 +730,8 @@ def exit_rays(
         fresnel,
         boxes,
         accuracy,
-        _pixels(pixel, total),
+        _integers("pixel", np.arange(total) if pixel is None else pixel, total),
+        _integers("sample", np.zeros(total, int) if sample is None else sample, total),
     )
     lost = np.where(fit, 0.0, 1.0)
     live = followed.start(origins, unit, proper)

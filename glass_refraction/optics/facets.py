@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .axial import ENDLESS
 from .laws import reflectance_and_cosine
 from .surfaces import Floats
 from .vectors import dot, refracted, units
@@ -90,23 +91,38 @@ def visible_facets(normal: Floats, direction: Floats, alpha: Floats, first, seco
     return units(alpha * x * one + alpha * y * other + np.maximum(z, 0.0) * normal)
 
 
-def facet_shares(pixel, facet, events) -> tuple[Floats, Floats]:
-    """Two numbers between 0 and 1 for a pixel's facet at an event: always the same ones.
+def facet_shares(pixel, sample, events) -> tuple[Floats, Floats]:
+    """Two numbers between 0 and 1 for a sample of a pixel at an event: always the same ones.
 
-    The facets of a pixel are spread evenly (M. Roberts, The Unreasonable Effectiveness of
-    Quasirandom Sequences, 2018), from a place that pixel and event choose.
+    At the first two events the samples of a pixel are spread evenly over the facets of both
+    (J. Halton, 1960), from a place that the pixel chooses. At later ones each sample has its own.
     """
     found = []
-    for axis, step in enumerate((1.0 / PLASTIC, 1.0 / PLASTIC**2)):
-        start = fold(pixel.astype(np.uint64), events.astype(np.int64) * 2 + axis + 1)
-        start = fold(start, np.int64(1))
+    early = events < 2
+    for axis in range(2):
+        row = np.minimum(events, 1) * 2 + axis
+        code = np.where(early, row, (sample * ENDLESS + events) * 2 + axis).astype(np.int64)
+        # Twice: one round leaves neighbours' high digits alike.
+        start = fold(fold(pixel.astype(np.uint64), code + 1), np.int64(1))
         begin = (start >> np.uint64(11)).astype(float) * 2.0**-53
-        found.append((begin + (facet + 0.5) * step) % 1.0)
+        first, second = (_mirrored_digits(sample, base) for base in BASES[axis::2])
+        spread = np.where(events == 0, first, second)
+        found.append((begin + np.where(early, spread, 0.0)) % 1.0)
     return found[0], found[1]
 
 
-PLASTIC = 1.324717957244746
-"""The real root of x³ = x + 1: its powers spread points most evenly over a square."""
+BASES = 2, 3, 5, 7
+"""Of the sequences for both shares at the first event and at the second."""
+
+
+def _mirrored_digits(number: NDArray[np.int64], base: int) -> Floats:
+    """The digits of whole numbers behind the point, the last one first."""
+    found, place = np.zeros(len(number)), 1.0 / base
+    while number.any():
+        number, digit = np.divmod(number, base)
+        found += digit * place
+        place /= base
+    return found
 
 
 def fold(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint64]:

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .axial import BoundedGlass
+from .axial import SOLID, BoundedGlass
 from .glasses import _positive
 from .surfaces import Floats
 from .vectors import dot, rotated
@@ -28,9 +28,13 @@ NOWHERE = np.iinfo(np.int64).min
 
 
 def _roughness(value: object) -> float:
-    if not (isinstance(value, (int, float)) and 0.0 <= value <= 1.0):
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        number = -1.0
+    if not 0.0 <= number <= 1.0:
         raise ValueError(f"roughness must be between 0 and 1, not {value!r}")
-    return float(value)
+    return number
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +52,8 @@ class PlacedGlass:
         at: the surroundings are clear.
     priority : int
         Of the media that overlap, that of the highest priority holds; of equal ones, that which the
-        ray entered first (what it starts in or enters at one place: the first in the list).
+        ray entered first (what it starts in or enters at one place: the first in the list). A
+        clear cavity of the surroundings' ior, as in a hollow ball, is outside the glass.
     roughness : float
         Of all its interfaces, 0 to 1, as a Glass BSDF has it (GGX). A ray is split at the first
         into `FACETS` rays.
@@ -62,9 +67,12 @@ class PlacedGlass:
 
     def __post_init__(self) -> None:
         pose = np.array(self.pose, dtype=float)
-        turn = pose[:3, :3] if pose.shape == (4, 4) else None
-        if turn is None or not np.allclose(turn @ turn.T, np.eye(3), atol=RIGID):
+        turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+        if not np.allclose(turn @ turn.T, np.eye(3), atol=RIGID):
             raise ValueError(f"pose must be a rigid (4, 4) matrix, not {self.pose!r}")
+        # Blender's matrices are of float32: the nearest one that is rigid to the last digit.
+        left, _, right = np.linalg.svd(turn)
+        pose[:3, :3] = left @ right
         object.__setattr__(self, "pose", pose)
         object.__setattr__(self, "roughness", _roughness(self.roughness))
 
@@ -162,7 +170,7 @@ def surface_depths(glasses: Sequence[Placed]) -> Floats | None:
     return depths if depths.any() else None
 
 
-RIGID = 1e-6
+RIGID = 1e-5
 """How far the columns of a pose may be from perpendicular unit vectors."""
 
 ROUNDING = 1e-12
@@ -195,6 +203,10 @@ class Media:
                 raise ValueError(f"absorption must be ({count}, 3), not of shape {table.shape}")
             self.absorption[number, 1:count] = table[1:]
         self.clear = not self.absorption.any()
+        # A cavity of the surroundings' medium is outside its glass: what overlaps it fills it. The
+        # glass itself holds, whatever its ior: it may be a bubble.
+        self.holds = (self.ior != self.ior[-1, 0]) | self.absorption.any(axis=-1)
+        self.holds[:, 0], self.holds[:-1, SOLID : SOLID + 1] = False, True
         ranks = {value: n for n, value in enumerate(sorted({g.priority for g in glasses}))}
         # Priority first, then what was entered before, then the order of the list.
         self.rank = np.array(
@@ -208,9 +220,11 @@ class Media:
         if not len(medium):
             return np.full(count, -1), np.zeros(count, dtype=np.intp)
         if len(medium) == 1:
-            return np.where(medium[0] > 0, 0, -1), medium[0].astype(np.intp)
+            held = np.where(self.holds[0][medium[0]], medium[0], 0).astype(np.intp)
+            return np.where(held > 0, 0, -1), held
         rank = self.rank[:, None] - entered.astype(np.int64) * STAMPS
-        rank[medium == 0] = NOWHERE
-        first = np.argmax(rank, axis=0)
-        held = medium[first, np.arange(count)].astype(np.intp)
-        return np.where(held > 0, first, -1), held
+        for row, (holds, own) in enumerate(zip(self.holds, medium, strict=False)):
+            rank[row, ~holds[own]] = NOWHERE
+        first, rays = np.argmax(rank, axis=0), np.arange(count)
+        found = rank[first, rays] != NOWHERE
+        return np.where(found, first, -1), np.where(found, medium[first, rays], 0).astype(np.intp)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .. import optics
     from .plan import Plan
     from .rays.caster import Casters
+    from .rays.follow import Kept
     from .rays.frame import ViewReport
     from .read.glasses import Glass
     from .read.sources import Snapshot
@@ -79,6 +80,7 @@ class Memory:
     moments : time -> where the vertices of each copy are then.
     paths : glass and colour -> the paths that are kept.
     casters : of rays, which know what stands in their targets.
+    kept : ways of rays that the next frame may use.
     covered : (height, width) pixels of the last picture that a glass covers, in True shading.
     """
 
@@ -97,6 +99,7 @@ class Memory:
     """What was wrong when the scene was prepared; a frame's own problems come on top."""
     casters: Casters | None = None
     covered: np.ndarray | None = None
+    kept: Kept | None = None
     status: Status = field(default_factory=Status)
 
 

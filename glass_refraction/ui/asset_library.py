@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -80,13 +81,34 @@ class RefractiveGlassPreferences(bpy.types.AddonPreferences):
 
     bl_idname = _PACKAGE
 
+    show_first_glass: bpy.props.BoolProperty(
+        name="Show Refraction with the First Glass",
+        description="Adding the first glass of a scene switches the refracted picture on in the "
+        "3D view where it is added",
+        default=True,
+    )
+
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
+        column.prop(self, "show_first_glass")
         column.label(text="The modifier in the asset browser, to be dragged onto objects")
         here = PREFERENCES_OT_refractive_glass_asset_library_add
         gone = PREFERENCES_OT_refractive_glass_asset_library_remove
         chosen = here if find_library() is None else gone
         column.operator(chosen.bl_idname, icon="ASSET_MANAGER")
+
+
+def preferences(context: bpy.types.Context) -> RefractiveGlassPreferences | _Defaults:
+    """The extension's preferences; the defaults where it is not installed as one."""
+    addon = context.preferences.addons.get(_PACKAGE)
+    return _Defaults() if addon is None or addon.preferences is None else addon.preferences
+
+
+@dataclass(frozen=True)
+class _Defaults:
+    """What :class:`RefractiveGlassPreferences` holds where nobody has changed it."""
+
+    show_first_glass: bool = True
 
 
 _register, _unregister = bpy.utils.register_classes_factory(

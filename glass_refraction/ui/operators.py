@@ -21,6 +21,7 @@ from ..scene.read.mesh_glasses import interface_of, open_edges, triangles_of
 from ..scene.read.modifier_inputs import write_input
 from ..scene.read.profile_curves import wine_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
+from .overlay import show_first_glass
 
 SHAPES = (
     ("SLAB", "Slab", "A flat pane; a mesh's flat face is its outline"),
@@ -274,6 +275,7 @@ class OBJECT_OT_refractive_glass_add(bpy.types.Operator, AddObjectHelper, GlassP
             mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
         obj = object_data_add(context, mesh, operator=self, name="Refractive Glass")
         self.apply(obj, group)
+        show_first_glass(context)
         return {"FINISHED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -328,6 +330,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
         else:
             said = _rpt('"{}" is a glass in place of its mesh: {}')
         self.report({"INFO"}, said.format(obj.name, _iface(kind[1])))
+        show_first_glass(context)
         return {"FINISHED"}
 
     def _problem_of(self, obj: bpy.types.Object, evaluated: bpy.types.Object) -> str | None:

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The toggle of the refracted picture, beside the other overlays of a 3D view."""
+"""The switch of the refracted picture: first in the Overlays popover and in the sidebar's tab."""
 
 from __future__ import annotations
 
 import bpy
 
+from ..scene.read.glasses import glass_objects
 from ..viewport import views
+from .asset_library import preferences
+from .lines import draw_lines
 
 
 def _space(context: bpy.types.Context) -> bpy.types.SpaceView3D | None:
@@ -24,27 +27,48 @@ def _set(_manager, on: bool) -> None:
         views.show(space, on)
 
 
-class VIEW3D_PT_overlay_refractive_glass(bpy.types.Panel):
-    """Of the Overlays popover"""
+def show_first_glass(context: bpy.types.Context) -> None:
+    """Switch the picture on in the view where a glass was added, if it is the scene's only one.
 
-    bl_idname = "VIEW3D_PT_overlay_refractive_glass"
+    The preferences may say not to.
+    """
+    space = _space(context)
+    if space is None or not preferences(context).show_first_glass:
+        return
+    if len(glass_objects(context.view_layer)) == 1:
+        views.show(space, True)
+
+
+def draw_switch(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """The switch and, while it is on, what there is to say of the view."""
+    layout.prop(context.window_manager, "refractive_glass_overlay")
+    if _is_on(context.window_manager):
+        column = layout.column(align=True)
+        column.active = False
+        for line in views.status(context.space_data):
+            draw_lines(column, context, line)
+
+
+def _draw_overlay(popover: bpy.types.Panel, context: bpy.types.Context) -> None:
+    draw_switch(popover.layout, context)
+
+
+class VIEW3D_PT_refractive_glass_view(bpy.types.Panel):
+    """In the 3D view's sidebar, above all else of the tab"""
+
+    bl_idname = "VIEW3D_PT_refractive_glass_view"
+    bl_label = "Refracted Picture"
     bl_space_type = "VIEW_3D"
-    bl_region_type = "HEADER"
-    bl_parent_id = "VIEW3D_PT_overlay"
-    bl_label = "Refractive Glass"
+    bl_region_type = "UI"
+    bl_category = "Glass"
+    bl_options = {"HIDE_HEADER"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.prop(context.window_manager, "refractive_glass_overlay")
-        if views.is_shown(context.space_data):
-            column = layout.column(align=True)
-            column.active = False
-            for line in views.status(context.space_data):
-                column.label(text=line)
+        draw_switch(self.layout, context)
 
 
 def register() -> None:
-    """Register the toggle and its panel."""
+    """Register the switch and show it."""
     bpy.types.WindowManager.refractive_glass_overlay = bpy.props.BoolProperty(
         name="Refracted Picture",
         description="Show in this view what is seen through the refractive glasses",
@@ -52,12 +76,14 @@ def register() -> None:
         set=_set,
         options={"SKIP_SAVE"},
     )
-    bpy.utils.register_class(VIEW3D_PT_overlay_refractive_glass)
+    bpy.utils.register_class(VIEW3D_PT_refractive_glass_view)
+    bpy.types.VIEW3D_PT_overlay.prepend(_draw_overlay)
     views.register()
 
 
 def unregister() -> None:
     """Undo :func:`register`."""
     views.unregister()
-    bpy.utils.unregister_class(VIEW3D_PT_overlay_refractive_glass)
+    bpy.types.VIEW3D_PT_overlay.remove(_draw_overlay)
+    bpy.utils.unregister_class(VIEW3D_PT_refractive_glass_view)
     del bpy.types.WindowManager.refractive_glass_overlay

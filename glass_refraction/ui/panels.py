@@ -136,6 +136,10 @@ class _Glass:
             draw_lines(layout, context, text, "ERROR")
 
 
+_OF_SHADING = {"TRUE": "captures", "DISPLACED": "tolerance_px"}
+"""The setting that a shading alone has."""
+
+
 class _Scene:
     """Draws the scene's settings."""
 
@@ -156,12 +160,7 @@ class _Scene:
         settings = context.scene.refractive_glass
         column = layout.column()
         column.active = settings.enabled
-        for name in (
-            "shading",
-            "surface",
-            "tolerance_px",
-            "min_weight",
-        ):
+        for name in ("shading", "surface", _OF_SHADING[settings.shading], "min_weight"):
             column.prop(settings, name)
         for problem in door.status(context.scene).problems:
             draw_lines(layout, context, problem, "ERROR")
@@ -178,23 +177,50 @@ class _Status:
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         found = door.status(context.scene)
+        if found.covered:
+            self._draw_rays(layout, found)
+        elif found.paths:
+            self._draw_copies(layout, found)
+        else:
+            text = _iface("Nothing computed yet: render a picture")
+            draw_lines(layout.column(), context, text, "INFO")
+
+    def _draw_rays(self, layout: bpy.types.UILayout, found: door.Status) -> None:
+        """What the last picture of True shading took, and what it lacks."""
+        _draw_rows(
+            layout,
+            ("Glass Covers", _iface("{:,} pixels").format(found.covered)),
+            ("Computed in", f"{1e-3 * found.milliseconds:.1f} s"),
+            ("Light Not Seen", f"{found.unseen:.1%}"),
+        )
         column = layout.column(align=True)
-        if not found.paths:
-            text = _iface("Nothing computed yet: press Update, or render")
-            draw_lines(column, context, text, "INFO")
-            return
-        for label, value in (
+        column.label(text="Light Comes from")
+        for view in found.views:
+            text = _iface("{}: {:.0%} of the light, {} samples")
+            text = text.format(view.name, view.share, view.samples)
+            column.label(text=text, icon="BLANK1", translate=False)
+
+    def _draw_copies(self, layout: bpy.types.UILayout, found: door.Status) -> None:
+        """What the last update of displaced copies made."""
+        _draw_rows(
+            layout,
             ("Vertices", f"{found.vertices:,}"),
             ("Last Update", f"{found.milliseconds:.0f} ms"),
             ("Error Bound", f"{found.bound_px:.2f} px"),
-        ):
-            row = column.split(factor=0.4)
-            row.label(text=label)
-            row.label(text=value, translate=False)
+        )
         column = layout.column(align=True)
         column.label(text="Light Paths in Use")
         for events in found.paths:
             column.label(text=describe_path(events), icon="BLANK1", translate=False)
+
+
+def _draw_rows(layout: bpy.types.UILayout, *rows: tuple[str, str]) -> None:
+    """Lines of a name and a value."""
+    column = layout.column(align=True)
+    for label, value in rows:
+        row = column.split(factor=0.4)
+        row.label(text=label)
+        row.label(text=value, translate=False)
 
 
 class _Bake:

@@ -52,8 +52,13 @@ _GERMAN = {
         "The modifier is off in renders: switch it on to see through the glass": "Der Modifikator "
         "ist beim Rendern aus: einschalten, um durch das Glas zu sehen",
         "Status": "Status",
-        "Nothing computed yet: press Update, or render": "Noch nichts berechnet: Aktualisieren "
-        "drücken oder rendern",
+        "Nothing computed yet: render a picture": "Noch nichts berechnet: ein Bild rendern",
+        "Glass Covers": "Glas bedeckt",
+        "{:,} pixels": "{:,} Pixel",
+        "Computed in": "Berechnet in",
+        "Light Not Seen": "Nicht gesehenes Licht",
+        "Light Comes from": "Licht kommt von",
+        "{}: {:.0%} of the light, {} samples": "{}: {:.0%} des Lichts, {} Samples",
         "Vertices": "Punkte",
         "Last Update": "Letzte Aktualisierung",
         "Error Bound": "Fehlerschranke",

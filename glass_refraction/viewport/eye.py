@@ -1,11 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The eye of a 3D view."""
+"""The eye of a 3D view, and what the shader needs to know of it."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..scene.read.viewpoint import Viewpoint
+from .description import Frame
+
+CAPTURES = 8
+"""Captures that the shader's block has room for."""
+
+LEAST_AHEAD = 0.5
+"""How far ahead of the eye, in units of the common frame, the plane lies that rays are led through,
+should the glasses be nearer or behind it."""
+
+MARGIN = 1.01
+"""By how much the ball in which rays begin is larger than what the glasses fill."""
 
 
 def view_eye(size: tuple[int, int], view_matrix, window_matrix, is_perspective: bool) -> Viewpoint:
@@ -38,3 +49,51 @@ def depth_line(view: Viewpoint) -> tuple[float, float, float, float]:
     if view.is_parallel:
         return (1.0 + q, -2.0, p, 0.0)
     return (q, 0.0, p - 1.0, 2.0)
+
+
+def depths(view: Viewpoint, values: np.ndarray) -> np.ndarray:
+    """Depths in metres along the view of a depth buffer's values."""
+    a, b, c, d = depth_line(view)
+    return (a + b * values) / (c + d * values)
+
+
+def pack_view(
+    view: Viewpoint,
+    frame: Frame,
+    within: tuple[int, int],
+    captures: list[tuple[np.ndarray, int]],
+) -> np.ndarray:
+    """The shader's block of a view, float32; see ``View`` in :mod:`glsl`.
+
+    Parameters
+    ----------
+    within : the glass that the eye is in, -1 for none, and the medium there.
+    captures : for each its centre (3,) in the world and the pixels of a face's side, 0 while
+        nothing of it is drawn.
+    """
+    to_world, unit = frame.to_world(), frame.unit
+    block = np.zeros((12 + CAPTURES, 4))
+    # Column by column, as GLSL keeps matrices.
+    block[:4] = (view.projection @ view.to_camera @ to_world).T
+    block[4] = -view.to_camera[2] @ to_world / unit
+    a, b, c, d = depth_line(view)
+    block[5] = a, b, c * unit, d * unit
+    near, far = (float(v) / unit for v in depths(view, np.array([0.0, 1.0])))
+    middle = float(-view.to_camera[2] @ np.append(frame.origin, 1.0)) / unit
+    matrix = view.ray_matrix()
+    if view.is_parallel:
+        place = matrix[:, 3] + view.forward * middle * unit
+        block[6, :3] = (place - frame.origin) / unit
+        block[7, :3], block[8, :3] = matrix[:, 0] / unit, matrix[:, 1] / unit
+        block[9] = (*view.forward, 0.0)
+    else:
+        ahead = max(middle, LEAST_AHEAD)
+        place = (view.eye - frame.origin) / unit
+        block[6, :3] = place + ahead * matrix[:, 3]
+        block[7, :3], block[8, :3] = ahead * matrix[:, 0], ahead * matrix[:, 1]
+        block[9] = (*place, 1.0)
+    block[10] = *view.size, near, far
+    block[11] = MARGIN * frame.reach, *within, 0.0
+    for number, (centre, side) in enumerate(captures[:CAPTURES]):
+        block[12 + number] = *frame.place(centre), side
+    return block.astype(np.float32)

@@ -1,125 +1,1197 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The shaders of the live picture, as text; :mod:`paint` compiles them when a view is drawn."""
+"""The shaders of the live picture, as text; :mod:`paint` compiles them when a view is drawn.
+
+`FOLLOW` follows one ray through all glasses, as ``optics.follow_rays`` does; it reads them from the
+block that :mod:`description` packs. What is done with a way that leaves is up to the text that
+stands before it: `PICTURE` looks its colour up, a test writes its exit ray.
+"""
 
 from __future__ import annotations
 
-DEPTH = """
-float depth_at(ivec2 pixel)
-{
-  float value = texelFetch(depth_tx, pixel, 0).r;
-  return (depth_line.x + depth_line.y * value) / (depth_line.z + depth_line.w * value);
-}
+from .description import (
+    CHORD_ROWS,
+    CUBIC_ROWS,
+    CYLINDER,
+    ENDLESS,
+    GLASS_ROWS,
+    HOLLOW,
+    INTERFACE_ROWS,
+    LID,
+    MEDIUM_ROWS,
+    PLANE,
+    PROFILE,
+    ROWS,
+    SHELL,
+    SIDE,
+    THING_ROWS,
+)
+
+BLOCKS = f"""
+struct Glasses {{ vec4 rows[{ROWS}]; }};
+struct View {{
+  mat4 to_clip;      /* common frame to the view's clip space */
+  vec4 depth_row;    /* common place to depth along the view, in common units */
+  vec4 depth_line;   /* (a, b, c, d): the depth buffer's v is a depth of (a + b v) / (c + d v) */
+  vec4 plane;        /* common place of pixel (0, 0) on a plane across the view */
+  vec4 right;        /* and how it moves by a pixel to the right, */
+  vec4 up;           /* and up */
+  vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
+  vec4 size;         /* pixels; near and far depth */
+  vec4 start;        /* the ball that holds all glasses; glass and medium that the eye is in; - */
+  vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
+}};
 """
 
-COPY_VERTEX = """
-void main()
-{
-  place_at = place;
-  own_colour = colour;
-  gl_Position = clip;
-}
+CONSTANTS = f"""
+#define GLASS_ROWS {GLASS_ROWS}
+#define INTERFACE_ROWS {INTERFACE_ROWS}
+#define MEDIUM_ROWS {MEDIUM_ROWS}
+#define THING_ROWS {THING_ROWS}
+#define CHORD_ROWS {CHORD_ROWS}
+#define CUBIC_ROWS {CUBIC_ROWS}
+#define CYLINDER {CYLINDER}
+#define PLANE {PLANE}
+#define LID {LID}
+#define SIDE {SIDE}
+#define SHELL {SHELL}
+#define PROFILE {PROFILE}
+#define ENDLESS {ENDLESS}
+#define HOLLOW {HOLLOW}
 """
 
-# Looks the colour up in the direct picture where the true place projects. What the direct picture
-# shows there may be nearer: the depths tell, and then the surface's own colour stands in.
-COPY_FRAGMENT = (
-    DEPTH
+HOOKS = """
+/* What is done with a way: who uses `follow` says it.
+ * leave: it left all glasses. lose: no face is met where one should be. covered: whether something
+ * stands before the first place of the ray. stopped: whether something ends a stretch before the
+ * next face. touches: whether a face that may lie on a thing does. */
+void leave(vec3 p, vec3 d, vec4 light, int g, int number);
+void lose(vec4 light);
+bool covered(vec3 p);
+bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
+             int number);
+bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number);
+"""
+
+FOLLOW = (
+    CONSTANTS
     + """
-/* The 4 x 4 pixels round a place in the direct picture; which of them show that very surface. */
-vec4 colours[16];
-bool shows[16];
+#define NOWHERE 1e20
+/* How far behind its start, in units of the glass, a ray may still meet an interface, and how far
+ * beyond its end a meeting may lie: rounding. */
+#define SKIN 2e-6
+#define PENDING 8
+#define MOST_STRETCHES 120
+/* Events of a way for which the least weight holds as it is; longer ways must carry more. */
+#define PLAIN 6.0
+/* Steps of Newton's method from a chord to the curve itself. */
+#define NEWTON_STEPS 4
+/* Meetings with chords that are tried until one is a meeting with the curve. */
+#define CHORD_TRIES 3
+/* By how much the square of a miss, in units of the glass, may be one because chords lie beside
+ * the curve. */
+#define SAG_SLACK 4e-4
 
-vec4 sharp(vec2 t)
+vec4 row(int k) { return glasses.rows[k]; }
+
+/* Where a circle or sphere is met (see _meet_round in optics/surfaces.py), NOWHERE if not ahead.
+ * `size2`: squared distance of the start from the middle. */
+float meet_round(float radius, float size2, float outward, float p2, float square, bool back)
 {
-  /* The cubic through the pixels (Keys 1981, a = -1/2). */
-  vec4 weight[2];
-  for (int axis = 0; axis < 2; axis++) {
-    float s = t[axis];
-    weight[axis] = vec4(s * (-0.5 + s * (1.0 - 0.5 * s)),
-                        1.0 + s * s * (-2.5 + 1.5 * s),
-                        s * (0.5 + s * (2.0 - 1.5 * s)),
-                        s * s * (-0.5 + 0.5 * s));
+  if (square <= 0.0) {
+    return NOWHERE;
   }
-  vec4 sum = vec4(0.0);
-  for (int k = 0; k < 16; k++) {
-    sum += weight[0][k % 4] * weight[1][k / 4] * colours[k];
+  float root = sqrt(square);
+  float size = sqrt(size2);
+  float beyond = (size - radius) * (size + radius);
+  float way;
+  if (back) {
+    float far = root + abs(outward);
+    way = outward > 0.0 ? -beyond / max(far, 1e-30) : far / p2;
   }
-  return max(sum, vec4(0.0));
+  else {
+    if (outward >= 0.0) {
+      return NOWHERE;
+    }
+    way = beyond / max(root - outward, 1e-30);
+  }
+  return way >= -SKIN * max(1.0, size) ? max(way, 0.0) : NOWHERE;
 }
 
-/* At an outline the engine's anti-aliasing has mixed the colours of both sides, and an overlay's
- * line has a depth of its own: take the nearest pixels that lie well within the surface. */
-vec4 inner(vec2 t, bool only_inner)
+bool in_outline(int first, int count, vec2 p)
 {
-  vec4 sum = vec4(0.0);
-  float total = 0.0;
-  for (int k = 0; k < 16; k++) {
-    ivec2 step = ivec2(k % 4, k / 4);
-    bool within = shows[k];
-    for (int n = 0; only_inner && n < 9; n++) {
-      ivec2 other = clamp(step + ivec2(n % 3, n / 3) - 1, ivec2(0), ivec2(3));
-      within = within && shows[other.y * 4 + other.x];
+  bool inside = false;
+  for (int k = 0; k < count; k++) {
+    vec4 side = row(first + k);
+    if ((side.y <= p.y) != (side.w <= p.y)) {
+      if (p.x < side.x + (p.y - side.y) * ((side.z - side.x) / (side.w - side.y))) {
+        inside = !inside;
+      }
     }
-    vec2 away = vec2(step - 1) - t;
-    float weight = within ? exp(-2.0 * dot(away, away)) + 1e-6 : 0.0;
-    sum += weight * colours[k];
-    total += weight;
   }
-  return total > 0.0 ? sum / total : vec4(-1.0);
+  return inside;
 }
 
-void main()
+/* Radius, height and their derivatives by t. */
+vec4 on_curve(int cubics, int count, float t)
 {
-  vec4 found = vec4(own_colour, 1.0);
-  ivec2 size = textureSize(direct_tx, 0);
-  vec2 place = place_at.z > 1e-9 ? place_at.xy / place_at.z : vec2(-1.0);
-  if (all(greaterThanEqual(place, vec2(0.0))) && all(lessThan(place, vec2(1.0)))) {
-    place = place * vec2(size) - 0.5;
-    vec2 base = floor(place);
-    vec2 t = place - base;
-    float near = tolerance.x * place_at.w + tolerance.y;
-    bool all_show = true;
-    bool any_shows = false;
-    for (int k = 0; k < 16; k++) {
-      ivec2 pixel = clamp(ivec2(base) + ivec2(k % 4, k / 4) - 1, ivec2(0), size - 1);
-      colours[k] = texelFetch(direct_tx, pixel, 0);
-      shows[k] = has_depth == 0 || abs(depth_at(pixel) - place_at.w) < near;
-      all_show = all_show && shows[k];
-      any_shows = any_shows || shows[k];
+  int k = clamp(int(floor(t)), 0, count - 1);
+  float s = t - float(k);
+  vec4 r = row(cubics + CUBIC_ROWS * k);
+  vec4 z = row(cubics + CUBIC_ROWS * k + 1);
+  return vec4(((r.w * s + r.z) * s + r.y) * s + r.x,
+              ((z.w * s + z.z) * s + z.y) * s + z.x,
+              (3.0 * r.w * s + 2.0 * r.z) * s + r.y,
+              (3.0 * z.w * s + 2.0 * z.z) * s + z.y);
+}
+
+/* The nearest chord of a profile that a ray meets after `from`: (way, t of the curve). Chords are
+ * taken a little longer than they are, and a little wider than the ray needs to meet them: the
+ * curve lies beside them, and `refine` decides. */
+vec2 meet_chords(int at, vec3 o, vec3 d, bool back, float from)
+{
+  vec4 where_ = row(at + 2);
+  int bunches = int(where_.y);
+  float p2 = dot(d.xy, d.xy);
+  float outward = dot(o.xy, d.xy);
+  float ell = o.x * d.y - o.y * d.x;
+  float ell2 = ell * ell;
+  float size2 = dot(o.xy, o.xy);
+  float nearest2 = outward < 0.0 ? ell2 / max(p2, 1e-30) : size2;
+  vec2 found = vec2(NOWHERE, 0.0);
+  for (int b = 0; b < bunches; b++) {
+    vec4 box = row(int(where_.x) + 2 * b);
+    /* The ray's part within the cylinder round the bunch, and its heights there. */
+    float wide2 = box.z * box.z + SAG_SLACK;
+    if (nearest2 > wide2) {
+      continue;
     }
-    if (all_show) {
-      found = sharp(t);
+    float root = sqrt(max(p2 * wide2 - ell2, 0.0));
+    float enters = p2 > 1e-12 ? max((-outward - root) / p2, 0.0) : 0.0;
+    float leaves = p2 > 1e-12 ? (root - outward) / p2 : 1e6;
+    float one = o.z + enters * d.z;
+    float two = o.z + leaves * d.z;
+    if (leaves < from || enters > found.x || min(one, two) > box.y + SAG_SLACK ||
+        max(one, two) < box.x - SAG_SLACK) {
+      continue;
     }
-    else if (any_shows) {
-      vec4 well = inner(t, true);
-      found = well.a < 0.0 ? inner(t, false) : well;
+    int count = int(row(int(where_.x) + 2 * b + 1).x);
+    for (int c = 0; c < count; c++) {
+      int chord = int(box.w) + CHORD_ROWS * c;
+      vec4 f = row(chord);
+      float r0 = f.x, z0 = f.y, dr = f.z, dz = f.w;
+      float rise = r0 * dz + dr * (o.z - z0);
+      float slope = dr * d.z;
+      vec2 side = rise * d.xy - slope * o.xy;
+      float square = dot(side, side) - dz * dz * ell2;
+      if (square < -SAG_SLACK) {
+        continue;
+      }
+      float a = dz * dz * p2 - slope * slope;
+      float h = dz * dz * outward - slope * rise;
+      float k = dz * dz * size2 - rise * rise;
+      bool touches_ = square <= 0.0;
+      float root2 = abs(dz) * sqrt(max(square, 0.0));
+      float q = -(h + (h < 0.0 ? -root2 : root2));
+      vec4 s = row(chord + 1);
+      for (int n = 0; n < 2; n++) {
+        float below = n == 0 ? a : q;
+        float way = (n == 0 ? q : k) / (below == 0.0 ? 1e-30 : below);
+        if (way >= found.x || way < from) {
+          continue;
+        }
+        vec3 p = o + way * d;
+        float size = length(p.xy);
+        float along = (size - r0) * dr + (p.z - z0) * dz;
+        float across = (size - r0) * dz - (p.z - z0) * dr;
+        float towards = dz * dot(p.xy, d.xy) - dr * d.z * size;
+        if (along < -0.05 * s.z || along > 1.05 * s.z || abs(across) > 1e-3 ||
+            (!touches_ && (back ? towards <= 0.0 : towards >= 0.0))) {
+          continue;
+        }
+        found = vec2(way, s.x + s.y * clamp(along / s.z, 0.0, 1.0));
+      }
     }
   }
-  frag_colour = found;
+  return found;
+}
+
+/* The same on the curve itself, by Newton's method; false where it finds none there. */
+bool refine(int at, vec3 o, vec3 d, bool back, inout float way, inout float t)
+{
+  vec4 where_ = row(at + 2);
+  int ends = int(row(at + 1).w);
+  int cubics = int(where_.z), count = int(where_.w);
+  /* Distances grow with the start's: begin near the meeting. */
+  vec3 near = o + way * d;
+  float moved = 0.0;
+  float p2 = dot(d.xy, d.xy);
+  float outward = dot(near.xy, d.xy);
+  float size2 = dot(near.xy, near.xy);
+  vec4 c;
+  for (int n = 0; n < NEWTON_STEPS; n++) {
+    c = on_curve(cubics, count, t);
+    float off = (p2 * moved + 2.0 * outward) * moved + size2 - c.x * c.x;
+    float rise = near.z + moved * d.z - c.y;
+    float w = 2.0 * (outward + moved * p2);
+    float rr = 2.0 * c.x * c.z;
+    float determinant = rr * d.z - w * c.w;
+    float inverse = 1.0 / (determinant == 0.0 ? 1e-30 : determinant);
+    moved += clamp((c.w * off - rr * rise) * inverse, -2.0, 2.0);
+    t += clamp((d.z * off - w * rise) * inverse, -0.7, 0.7);
+    if ((ends & 1) != 0) {
+      t = abs(t);
+    }
+    if ((ends & 2) != 0 && t > float(count)) {
+      t = 2.0 * float(count) - t;
+    }
+    t = clamp(t, -0.5, float(count) + 0.5);
+  }
+  c = on_curve(cubics, count, t);
+  vec3 p = near + moved * d;
+  float size = length(p.xy);
+  way += moved;
+  float towards = c.w * dot(p.xy, d.xy) - c.z * d.z * size;
+  bool rests = abs(size - c.x) + abs(p.z - c.y) < 2e-5 * (1.0 + abs(way));
+  return rests && t >= -1e-4 && t <= float(count) + 1e-4 && way >= -1e-5 &&
+         (back ? towards > 0.0 : towards < 0.0);
+}
+
+/* The next interface of glass g that a ray (in the glass's frame, unit direction) meets in medium
+ * m: its row, -1 for none; how far; and for profiles where on the curve. */
+int next_interface(int g, int m, vec3 o, vec3 d, float reach, out float way, out float spot)
+{
+  vec4 record = row(1 + GLASS_ROWS * g);
+  int first = int(record.x), count = int(record.y);
+  int met = -1;
+  way = reach;
+  spot = 0.0;
+  float p2 = dot(d.xy, d.xy);
+  float outward = dot(o.xy, d.xy);
+  float ell = o.x * d.y - o.y * d.x;
+  float size2 = dot(o.xy, o.xy);
+  for (int k = 0; k < count; k++) {
+    int at = first + INTERFACE_ROWS * k;
+    vec4 face = row(at);
+    bool back = m == int(face.z);
+    if (!back && m != int(face.y)) {
+      continue;
+    }
+    vec4 s = row(at + 1);
+    int kind = int(face.x);
+    float t = NOWHERE;
+    float mark = 0.0;
+    if (kind == CYLINDER) {
+      t = meet_round(s.x, size2, outward, max(p2, 1e-30), p2 * s.x * s.x - ell * ell, back);
+      float z = o.z + t * d.z;
+      if (t < way && !((s.w > 0.5 ? z > s.y : z >= s.y) && z <= s.z)) {
+        t = NOWHERE;
+      }
+    }
+    else if (kind == PLANE || kind == LID) {
+      if (back ? d.z > 0.0 : d.z < 0.0) {
+        t = (s.x - o.z) / d.z;
+        t = t >= -SKIN * max(1.0, abs(o.z)) ? max(t, 0.0) : NOWHERE;
+      }
+      if (t < way) {
+        vec2 p = o.xy + t * d.xy;
+        if (kind == PLANE) {
+          float r = length(p);
+          t = r >= s.y && r <= s.z ? t : NOWHERE;
+        }
+        else if (!in_outline(int(s.y), int(s.z), p)) {
+          t = NOWHERE;
+        }
+      }
+    }
+    else if (kind == SIDE) {
+      float away = d.x * s.w - d.y * s.z;
+      if (back ? away > 0.0 : away < 0.0) {
+        t = ((s.x - o.x) * s.w - (s.y - o.y) * s.z) / away;
+        t = t >= -SKIN * max(1.0, length(o.xy)) ? max(t, 0.0) : NOWHERE;
+      }
+      if (t < way) {
+        vec4 limits = row(at + 2);
+        vec3 p = o + t * d;
+        float along = dot(p.xy - s.xy, s.zw);
+        if (along < -SKIN || along > limits.x + SKIN || p.z < limits.y - SKIN ||
+            p.z > limits.z + SKIN) {
+          t = NOWHERE;
+        }
+      }
+    }
+    else if (kind == SHELL) {
+      vec3 turn = cross(o, d);
+      t = meet_round(s.x, dot(o, o), dot(o, d), 1.0, s.x * s.x - dot(turn, turn), back);
+    }
+    else {
+      float from = -SKIN;
+      for (int n = 0; n < CHORD_TRIES; n++) {
+        vec2 found = meet_chords(at, o, d, back, from);
+        if (found.x >= way + 1e-3) {
+          break;
+        }
+        float exact = found.x;
+        mark = found.y;
+        if (refine(at, o, d, back, exact, mark)) {
+          float z = o.z + exact * d.z;
+          if ((s.z > 0.5 ? z > s.x : z >= s.x) && z <= s.y) {
+            t = max(exact, 0.0);
+            break;
+          }
+        }
+        from = found.x + 1e-4;
+      }
+    }
+    if (t < way) {
+      way = t;
+      met = at;
+      spot = mark;
+    }
+  }
+  return met;
+}
+
+/* Unit normal towards the front of an interface at a place, which is put onto it. */
+vec3 normal_at(int at, float spot, inout vec3 p)
+{
+  vec4 face = row(at), s = row(at + 1);
+  int kind = int(face.x);
+  if (kind == CYLINDER) {
+    vec2 n = normalize(p.xy);
+    p.xy = s.x * n;
+    return vec3(n, 0.0);
+  }
+  if (kind == PLANE || kind == LID) {
+    p.z = s.x;
+    return vec3(0.0, 0.0, 1.0);
+  }
+  if (kind == SIDE) {
+    return vec3(s.w, -s.z, 0.0);
+  }
+  if (kind == SHELL) {
+    vec3 n = normalize(p);
+    p = s.x * n;
+    return n;
+  }
+  vec4 where_ = row(at + 2);
+  vec4 c = on_curve(int(where_.z), int(where_.w), spot);
+  float size = length(p.xy);
+  vec2 axis = size > 1e-12 ? p.xy / size : vec2(1.0, 0.0);
+  vec2 n = vec2(c.w, -c.z) / max(length(c.zw), 1e-20);
+  p = vec3(c.x * axis, c.y);
+  return vec3(n.x * axis, n.y);
+}
+
+/* Reflectance for unpolarised light; `cosine` before the interface, `behind` after it. */
+float fresnel(float cosine, float eta, out float behind)
+{
+  float square = (1.0 - eta) * (1.0 + eta) + eta * cosine * eta * cosine;
+  behind = sqrt(max(square, 0.0));
+  if (square <= 0.0 || cosine <= 0.0) {
+    return 1.0;
+  }
+  float across = (eta * cosine - behind) / (eta * cosine + behind);
+  float along = (cosine - eta * behind) / (cosine + eta * behind);
+  return 0.5 * (across * across + along * along);
+}
+
+vec3 to_glass(int g, vec3 p)
+{
+  int r = 1 + GLASS_ROWS * g;
+  vec4 h = vec4(p, 1.0);
+  return vec3(dot(row(r + 2), h), dot(row(r + 3), h), dot(row(r + 4), h));
+}
+
+vec3 to_common(int g, vec3 p)
+{
+  int r = 1 + GLASS_ROWS * g;
+  vec4 h = vec4(p, 1.0);
+  return vec3(dot(row(r + 5), h), dot(row(r + 6), h), dot(row(r + 7), h));
+}
+
+/* Directions stay unit: the frames differ by a rotation and a scale. */
+vec3 turn_in(int g, vec3 d)
+{
+  int r = 1 + GLASS_ROWS * g;
+  vec3 turned = vec3(dot(row(r + 2).xyz, d), dot(row(r + 3).xyz, d), dot(row(r + 4).xyz, d));
+  return row(r + 8).x * turned;
+}
+
+vec3 turn_out(int g, vec3 d)
+{
+  int r = 1 + GLASS_ROWS * g;
+  vec3 turned = vec3(dot(row(r + 5).xyz, d), dot(row(r + 6).xyz, d), dot(row(r + 7).xyz, d));
+  return turned / row(r + 8).x;
+}
+
+vec4 medium_row(int g, int m) { return row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m); }
+
+/* Follows one ray (common frame, unit direction) through all glasses, the strongest ways first.
+ *
+ * glass, medium: where it starts; -1: outside of all. least: light below this part is not followed.
+ * most: ways after which to stop. splits: false if surfaces only refract, and take no light.
+ * Returns how far the ray goes to the first interface, NOWHERE if it meets none. */
+float follow(vec3 place, vec3 along, int glass, int medium, float least, int most, bool splits)
+{
+  vec3 places[PENDING];
+  vec3 alongs[PENDING];
+  vec4 lights[PENDING];
+  ivec3 states[PENDING];
+  int pending = 0;
+  vec3 p = place, d = along;
+  vec4 light = vec4(1.0);
+  int g = glass, m = medium, events = 0, ways = 0;
+  float first_way = NOWHERE;
+  bool alive = true;
+  for (int guard = 0; guard < MOST_STRETCHES; guard++) {
+    if (!alive) {
+      if (pending == 0 || ways >= most) {
+        break;
+      }
+      int best = 0;
+      for (int k = 1; k < pending; k++) {
+        if (lights[k].w > lights[best].w) {
+          best = k;
+        }
+      }
+      pending--;
+      p = places[best]; d = alongs[best]; light = lights[best];
+      g = states[best].x; m = states[best].y; events = states[best].z;
+      places[best] = places[pending]; alongs[best] = alongs[pending];
+      lights[best] = lights[pending]; states[best] = states[pending];
+      alive = true;
+    }
+    bool outside = g < 0 || (int(medium_row(g, m).y) & ENDLESS) != 0;
+    /* p and d are in the common frame outside, in the glass's frame inside. */
+    float way = NOWHERE, spot = 0.0;
+    int met = -1, hit = g;
+    if (outside) {
+      int count = int(row(0).x);
+      for (int k = 0; k < count; k++) {
+        vec3 q = to_glass(k, p), v = turn_in(k, d);
+        vec4 ball = row(2 + GLASS_ROWS * k);
+        vec3 away = ball.xyz - q;
+        float ahead = dot(away, v);
+        vec3 off = away - ahead * v;
+        float reach = ball.w * 1.001;
+        if (dot(off, off) > reach * reach || (ahead < 0.0 && dot(away, away) > reach * reach)) {
+          continue;
+        }
+        float size = row(9 + GLASS_ROWS * k).x;
+        int outer = k == g ? m : int(row(9 + GLASS_ROWS * k).z);
+        float t, mark;
+        /* From where it enters the ball: numbers stay small there. */
+        float enter = max(ahead - sqrt(reach * reach - dot(off, off)), 0.0);
+        int found = next_interface(k, outer, q + enter * v, v, way / size - enter, t, mark);
+        if (found >= 0) {
+          way = (t + enter) * size;
+          spot = mark;
+          met = found;
+          hit = k;
+        }
+      }
+    }
+    else {
+      met = next_interface(g, m, p, d, NOWHERE, way, spot);
+    }
+    if (events == 0) {
+      first_way = met < 0 ? NOWHERE : (outside ? way : way * row(9 + GLASS_ROWS * g).x);
+      if (met < 0 || covered(place + first_way * along)) {
+        return NOWHERE;
+      }
+    }
+    if (met < 0) {
+      if (outside) {
+        leave(p, d, light, g, ways);
+        ways++;
+      }
+      else {
+        lose(light);
+      }
+      alive = false;
+      continue;
+    }
+    if (events > 0 && stopped(p, d, light, g, m, outside, hit == g, way, ways)) {
+      ways++;
+      alive = false;
+      continue;
+    }
+    if (outside) {
+      m = hit == g ? m : int(row(9 + GLASS_ROWS * hit).z);
+      g = hit;
+      way /= row(9 + GLASS_ROWS * g).x;
+      p = to_glass(g, p);
+      d = turn_in(g, d);
+    }
+    else {
+      vec3 taken = row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m + 1).xyz;
+      light.rgb *= exp(-taken * way);
+    }
+    p += way * d;
+    vec3 n = normal_at(met, spot, p);
+    vec4 face = row(met);
+    bool back = m == int(face.z);
+    int beyond = back ? int(face.y) : int(face.z);
+    if (face.w > 0.5 && events > 0 && touches(p, d, light, g, m, ways)) {
+      ways++;
+      alive = false;
+      continue;
+    }
+    n = back ? -n : n;
+    float eta = medium_row(g, m).x / medium_row(g, beyond).x;
+    float cosine = clamp(-dot(n, d), 0.0, 1.0), behind;
+    float mirrored = fresnel(cosine, eta, behind);
+    bool total = mirrored >= 1.0;
+    if (!splits) {
+      mirrored = 0.0;
+      if (total) {
+        lose(light);
+        alive = false;
+        continue;
+      }
+    }
+    events++;
+    float enough = splits ? least * max(1.0, float(events) / PLAIN) : 0.0;
+    vec4 other = light * vec4(1.0, 1.0, 1.0, mirrored);
+    light.w *= 1.0 - mirrored;
+    vec3 turned = d + 2.0 * cosine * n;
+    d = normalize(eta * d + (eta * cosine - behind) * n);
+    bool mirror_first = other.w > light.w;
+    vec3 second = mirror_first ? d : turned;
+    vec4 rest = mirror_first ? light : other;
+    int second_medium = mirror_first ? beyond : m;
+    if (mirror_first) {
+      d = turned;
+      light = other;
+    }
+    else {
+      m = beyond;
+    }
+    vec3 here = p;
+    if (rest.w > enough) {
+      bool out_again = (int(medium_row(g, second_medium).y) & ENDLESS) != 0;
+      int slot = pending;
+      if (pending == PENDING) {
+        slot = 0;
+        for (int k = 1; k < PENDING; k++) {
+          if (lights[k].w < lights[slot].w) {
+            slot = k;
+          }
+        }
+        if (lights[slot].w > rest.w) {
+          slot = -1;
+        }
+      }
+      else {
+        pending++;
+      }
+      if (slot >= 0) {
+        places[slot] = out_again ? to_common(g, here) : here;
+        alongs[slot] = out_again ? turn_out(g, second) : second;
+        lights[slot] = rest;
+        states[slot] = ivec3(g, second_medium, events);
+      }
+    }
+    if (light.w > enough) {
+      if ((int(medium_row(g, m).y) & ENDLESS) != 0) {
+        p = to_common(g, here);
+        d = turn_out(g, d);
+      }
+    }
+    else {
+      alive = false;
+    }
+  }
+  return first_way;
 }
 """
 )
 
-HULL_VERTEX = """
-void main()
+SMOOTH = """
+/* Smoothed by hand: Blender 5.0 has no filter for the textures that Python makes. */
+vec4 smooth_at(sampler2D tx, vec2 pixel)
 {
-  own_depth = depth;
-  gl_Position = clip;
+  ivec2 last = textureSize(tx, 0) - 1;
+  vec2 low = floor(pixel - 0.5);
+  vec2 t = pixel - 0.5 - low;
+  ivec2 a = clamp(ivec2(low), ivec2(0), last);
+  ivec2 b = clamp(ivec2(low) + 1, ivec2(0), last);
+  vec4 below = mix(texelFetch(tx, a, 0), texelFetch(tx, ivec2(b.x, a.y), 0), t.x);
+  vec4 above = mix(texelFetch(tx, ivec2(a.x, b.y), 0), texelFetch(tx, b, 0), t.x);
+  return mix(below, above, t.y);
 }
 """
 
-# White where the glass is seen: not where something stands before it.
-HULL_FRAGMENT = (
-    DEPTH
-    + """
+LOOKUP = """
+#define FAR_OFF 1e19
+#define TILE 8
+/* Pixels from look to look where a tile does not tell. */
+#define STRIDE 2.0
+#define DIRECT_STEPS 80
+/* Half the side of a box of things, with some room. */
+#define BOX_MARGIN 1.02
+#define CAPTURE_STEPS 32
+/* Angle between steps, in pixels of a face (which is two wide at a distance of one). */
+#define CAPTURE_STRIDE 5.0
+#define HALVINGS 6
+/* Ratio of depths of neighbouring pixels below which one surface goes on. */
+#define GOES_ON 1.15
+/* How far behind a thing's edge a ray still meets it, in common units: pixels do not tell where
+ * exactly the edge is. */
+#define SLACK 0.05
+/* The same for surfaces in captures. */
+#define THIN 0.03
+/* The same as part of the distance: what a pixel of a capture cannot tell. */
+#define THICK_PART 0.01
+/* Part of the depth by which a surface comes nearer within a pixel; more is another's edge. */
+#define EDGE 0.01
+/* Where a thing is nearer to a face than this, in common units, it touches it. */
+#define TOUCHING 0.03
+/* How much nearer than the glass a thing must be to cover it, in common units. */
+#define NEARER 0.004
+
+vec4 sum = vec4(0.0);
+float got = 0.0;
+
+float depth_at(ivec2 pixel)
+{
+  ivec2 last = ivec2(view.size.xy) - 1;
+  return texelFetch(depth_tx, clamp(pixel, ivec2(0), last), 0).r;
+}
+
+vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
+
+/* Which face of a capture shows a direction, and which pixel of it: (x, y, face). */
+vec3 face_of(vec3 d, float side)
+{
+  vec3 a = abs(d);
+  bool is_x = a.x >= a.y && a.x >= a.z;
+  bool is_y = !is_x && a.y >= a.z;
+  vec3 r = is_x ? d.yzx : (is_y ? d.zxy : d);
+  float turn = r.z < 0.0 ? -1.0 : 1.0;
+  vec2 at = vec2(r.x, -turn * r.y) / abs(r.z);
+  float axis = is_x ? 0.0 : (is_y ? 2.0 : 4.0);
+  return vec3((0.5 * at + 0.5) * side, turn < 0.0 ? axis + 1.0 : axis);
+}
+
+ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
+{
+  ivec2 pixel = clamp(ivec2(in_face), ivec2(0), ivec2(int(side) - 1));
+  return pixel + ivec2(int(at.z), slot) * int(side);
+}
+
+/* How far a place lies behind what the capture shows in its direction, along the face's axis.
+ * Depths of less than 0 and more than FAR_OFF: nothing is there. */
+float capture_gap(int slot, vec3 p)
+{
+  float side = view.captures[slot].w;
+  vec3 at = face_of(p, side);
+  float shown = abs(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
+  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
+}
+
+/* The same, where a surface goes on from pixel to pixel: of a plane 1 / depth is linear there. */
+float smooth_gap(int slot, vec3 p)
+{
+  float side = view.captures[slot].w;
+  vec3 at = face_of(p, side);
+  vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
+  vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
+  ivec2 corner = atlas_pixel(slot, at, low, side);
+  vec4 near = 1.0 / abs(vec4(texelFetch(reach_tx, corner, 0).r,
+                             texelFetch(reach_tx, corner + ivec2(1, 0), 0).r,
+                             texelFetch(reach_tx, corner + ivec2(0, 1), 0).r,
+                             texelFetch(reach_tx, corner + ivec2(1, 1), 0).r));
+  float most = max(max(near.x, near.y), max(near.z, near.w));
+  float least_ = min(min(near.x, near.y), min(near.z, near.w));
+  vec2 pair = t.x < 0.5 ? near.xz : near.yw;
+  float nearest = t.y < 0.5 ? pair.x : pair.y;
+  float mixed = mix(mix(near.x, near.y, t.x), mix(near.z, near.w, t.x), t.y);
+  float shown = 1.0 / max(most < GOES_ON * least_ ? mixed : nearest, 1e-19);
+  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
+}
+
+bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
+
+/* The colour in a direction, smoothed over pixels that are about as far as the nearest one. */
+vec4 capture_colour(int slot, vec3 d)
+{
+  float side = view.captures[slot].w;
+  vec3 at = face_of(d, side);
+  vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
+  vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
+  ivec2 corner = atlas_pixel(slot, at, low, side);
+  ivec2 middle = corner + ivec2(round(t));
+  float depth = texelFetch(reach_tx, middle, 0).r;
+  vec4 mixed = vec4(0.0);
+  for (int k = 0; k < 4; k++) {
+    ivec2 step_ = ivec2(k & 1, k >> 1);
+    float other = texelFetch(reach_tx, corner + step_, 0).r;
+    vec2 part = mix(1.0 - t, t, vec2(step_));
+    bool same = is_there(other) == is_there(depth) &&
+                (!is_there(other) || abs(other - depth) < 0.1 * depth);
+    if (same) {
+      mixed += part.x * part.y * vec4(texelFetch(capture_tx, corner + step_, 0).rgb, 1.0);
+    }
+  }
+  vec3 colour = mixed.a > 0.0 ? mixed.rgb / mixed.a : texelFetch(capture_tx, middle, 0).rgb;
+  return vec4(colour, depth <= -FAR_OFF ? 0.0 : 1.0);
+}
+
+/* The part of a ray that the view can show: false if there is none. */
+bool in_view(vec4 begin, vec4 step_, float z0, float z1, inout float low, inout float high)
+{
+  for (int k = 0; k < 5; k++) {
+    float f = k == 4 ? z0 - view.size.z : begin.w + (k % 2 == 0 ? 1.0 : -1.0) * begin[k / 2];
+    float s = k == 4 ? z1 : step_.w + (k % 2 == 0 ? 1.0 : -1.0) * step_[k / 2];
+    if (s > 0.0) {
+      low = max(low, -f / s);
+    }
+    else if (s < 0.0) {
+      high = min(high, -f / s);
+    }
+    else if (f < 0.0) {
+      return false;
+    }
+  }
+  return low < high;
+}
+
+/* Where a ray meets what the view shows: marched through the view's depths, pixel by pixel, and
+ * over whole tiles that it passes in front of or behind. `hidden`: it was behind something. */
+bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out bool hidden)
+{
+  hidden = false;
+  at = vec2(0.0);
+  way = reach;
+  vec4 begin = view.to_clip * vec4(o, 1.0);
+  vec4 step_ = view.to_clip * vec4(d, 0.0);
+  float z0 = dot(view.depth_row, vec4(o, 1.0));
+  float z1 = dot(view.depth_row.xyz, d);
+  float low = 0.0, high = min(reach, view.size.w);
+  if (!in_view(begin, step_, z0, z1, low, high)) {
+    hidden = true;
+    return false;
+  }
+  hidden = low > 0.0;
+  bool leaves = high < min(reach, view.size.w);
+  vec4 one = begin + low * step_;
+  vec4 two = begin + high * step_;
+  vec2 a = (0.5 * one.xy / one.w + 0.5) * view.size.xy;
+  vec2 b = (0.5 * two.xy / two.w + 0.5) * view.size.xy;
+  vec2 span = b - a;
+  float pixels = max(max(abs(span.x), abs(span.y)), 1e-3);
+  float by_pixel = min(1.0 / pixels, 1.0);
+  vec2 per = 1.0 / max(abs(span), vec2(1e-6));
+  float u = 0.0;
+  float shown_before = depth_at(ivec2(a));
+  float before = z0 + low * z1 - shown_before;
+  float z_before = z0 + low * z1;
+  bool behind = before > NEARER;
+  /* Depth of the edge that the ray passed behind, -1 if it is not known. */
+  float limb = -1.0;
+  float u_before = 0.0;
+  hidden = hidden || behind;
+  for (int k = 0; k < DIRECT_STEPS; k++) {
+    if (u >= 1.0) {
+      hidden = hidden || leaves;
+      return false;
+    }
+    /* Over the whole tile, if all it shows is behind the ray or in front of it. */
+    vec2 pixel = a + u * span;
+    ivec2 tile = ivec2(pixel) / TILE;
+    vec2 room = mix(pixel - vec2(tile * TILE), vec2((tile + 1) * TILE) - pixel,
+                    greaterThan(span, vec2(0.0)));
+    float next = min(1.0, u + min(room.x * per.x, room.y * per.y) + 0.02 * by_pixel);
+    vec2 range = texelFetch(tile_tx, clamp(tile, ivec2(0), textureSize(tile_tx, 0) - 1), 0).rg;
+    float t = ((1.0 - next) * low * two.w + next * high * one.w) /
+              ((1.0 - next) * two.w + next * one.w);
+    float z = z0 + t * z1;
+    if (!behind && max(z, z_before) < range.x) {
+      u = next;
+      u_before = u;
+      z_before = z;
+      shown_before = -1.0;
+      continue;
+    }
+    if (behind && min(z, z_before) > max(range.y, limb > 0.0 ? 2.0 * limb - range.x : 0.0)) {
+      u = next;
+      u_before = u;
+      z_before = z;
+      shown_before = -1.0;
+      continue;
+    }
+    if (shown_before < 0.0) {
+      shown_before = depth_at(ivec2(pixel));
+      before = z_before - shown_before;
+      if (!behind && before > SLACK) {
+        /* An edge lies just at the tile's: the ray passes behind it. */
+        behind = true;
+        hidden = true;
+        limb = shown_before;
+      }
+      else if (before <= 0.0) {
+        behind = false;
+      }
+    }
+    next = min(1.0, u + STRIDE * by_pixel);
+    t = ((1.0 - next) * low * two.w + next * high * one.w) /
+        ((1.0 - next) * two.w + next * one.w);
+    z = z0 + t * z1;
+    pixel = a + next * span;
+    float shown = depth_at(ivec2(pixel));
+    float gap = z - shown;
+    float jump = shown_before - shown;
+    bool met = false;
+    if (gap <= 0.0) {
+      behind = false;
+    }
+    else if (!behind) {
+      /* One surface goes on from pixel to pixel; behind an edge the ray may pass. */
+      met = jump < EDGE * shown + abs(z - z_before);
+      behind = !met;
+      limb = shown;
+    }
+    else if (jump > EDGE * shown) {
+      limb = shown;
+    }
+    else if (jump < -EDGE * shown) {
+      limb = -1.0;
+    }
+    /* Round things are as thick behind their edge as before it: the back is the front's mirror
+     * image. */
+    met = met || (behind && limb > 0.0 && z - limb < limb - shown + SLACK);
+    if (met) {
+      float part = clamp(before < 0.0 ? -before / (gap - before) : 0.0, 0.0, 1.0);
+      float found = behind ? next : mix(u_before, next, part);
+      at = a + found * span;
+      way = ((1.0 - found) * low * two.w + found * high * one.w) /
+            ((1.0 - found) * two.w + found * one.w);
+      return true;
+    }
+    hidden = hidden || behind;
+    u = next;
+    u_before = u;
+    before = min(gap, -1e-9);
+    z_before = z;
+    shown_before = shown;
+  }
+  hidden = true;
+  return false;
+}
+
+/* Where a ray meets what a capture shows: marched by equal angles round the capture's centre. */
+bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way)
+{
+  vec4 capture = view.captures[slot];
+  vec3 q = o - capture.xyz;
+  float foot = -dot(q, d);
+  vec3 nearest = q + foot * d;
+  float apart = length(nearest);
+  vec3 n = apart > 1e-5 ? nearest / apart : normalize(cross(d, vec3(d.y, d.z, -d.x)));
+  apart = max(apart, 1e-5);
+  float last = min(reach, view.size.w);
+  /* At an angle a the ray is at apart / cos(a) · (cos(a) n + sin(a) d). */
+  float low = atan(-foot, apart);
+  float high = atan(last - foot, apart);
+  int count = clamp(int((high - low) * capture.w / CAPTURE_STRIDE) + 3, 3, CAPTURE_STEPS);
+  vec2 turn = vec2(cos((high - low) / float(count)), sin((high - low) / float(count)));
+  vec2 angle = vec2(cos(low), sin(low));
+  float before = 0.0;
+  bool behind = capture_gap(slot, q) > THICK_PART * length(q);
+  at = vec3(0.0);
+  way = reach;
+  for (int k = 1; k <= count; k++) {
+    angle = vec2(angle.x * turn.x - angle.y * turn.y, angle.x * turn.y + angle.y * turn.x);
+    float t = k == count ? last : foot + apart * angle.y / max(angle.x, 1e-9);
+    float gap = capture_gap(slot, q + t * d);
+    if (!behind && gap > 0.0) {
+      float near = before, far = t;
+      for (int n_ = 0; n_ < HALVINGS; n_++) {
+        /* Half the angle between both: the sum of their directions. */
+        vec2 sum_ = normalize(vec2(apart, near - foot)) + normalize(vec2(apart, far - foot));
+        float middle = foot + apart * sum_.y / max(sum_.x, 1e-9);
+        if (smooth_gap(slot, q + middle * d) > 0.0) {
+          far = middle;
+        }
+        else {
+          near = middle;
+        }
+      }
+      /* Along one pixel depths are linear: the place between both where the gap ends. */
+      float gap_near = smooth_gap(slot, q + near * d);
+      float gap_far = smooth_gap(slot, q + far * d);
+      float part = gap_far > gap_near ? clamp(-gap_near / (gap_far - gap_near), 0.0, 1.0) : 1.0;
+      way = mix(near, far, part);
+      at = q + way * d;
+      /* Behind an edge the ray may pass: halving has then led to where depths jump. */
+      if (gap_far - gap_near < THIN + THICK_PART * length(at) + 2.0 * (far - near) &&
+          abs(smooth_gap(slot, at)) < THIN + THICK_PART * length(at)) {
+        return true;
+      }
+      behind = true;
+    }
+    else if (gap <= 0.0) {
+      behind = false;
+    }
+    before = t;
+  }
+  way = reach;
+  return false;
+}
+
+int capture_of(int g)
+{
+  int slot = g < 0 ? 0 : int(row(9 + GLASS_ROWS * g).y);
+  return slot >= 0 && view.captures[slot].w > 0.5 ? slot : -1;
+}
+
+/* What a ray meets within its reach, if a view shows it. */
+bool seen(vec3 o, vec3 d, float reach, int slot, out vec4 colour, out float way)
+{
+  vec2 pixel;
+  bool hidden = true, found = false;
+  way = reach;
+  colour = vec4(0.0);
+  if (has_depth != 0) {
+    found = march_direct(o, d, reach, pixel, way, hidden);
+    if (found) {
+      colour = direct_at(pixel);
+    }
+  }
+  if (slot >= 0 && hidden) {
+    vec3 at;
+    float other;
+    if (march_capture(slot, o, d, min(reach, way), at, other)) {
+      colour = capture_colour(slot, at);
+      way = other;
+      found = true;
+    }
+  }
+  return found;
+}
+
+/* What a ray shows of which no view shows the end: the world, or the nearest that is known. */
+vec4 beyond(vec3 o, vec3 d, int slot)
+{
+  vec4 clip = view.to_clip * vec4(o + view.size.w * d, 1.0);
+  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  bool shown = clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
+               all(lessThan(pixel, view.size.xy));
+  if (has_depth != 0 && shown && depth_at(ivec2(pixel)) >= FAR_OFF) {
+    return direct_at(pixel);
+  }
+  if (slot >= 0) {
+    return capture_colour(slot, o + view.size.w * d - view.captures[slot].xyz);
+  }
+  if (clip.w <= 0.0) {
+    clip = view.to_clip * vec4(o, 1.0);
+    pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  }
+  return direct_at(clamp(pixel, vec2(0.5), view.size.xy - 0.5));
+}
+
+void add(vec4 colour, vec4 light)
+{
+  sum += light.w * vec4(light.rgb, 1.0) * colour;
+  got += light.w;
+}
+
+bool covered(vec3 p)
+{
+  if (has_depth == 0) {
+    return false;
+  }
+  vec4 clip = view.to_clip * vec4(p, 1.0);
+  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  return depth_at(ivec2(pixel)) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
+}
+
+void leave(vec3 p, vec3 d, vec4 light, int g, int number)
+{
+  vec4 colour;
+  float way;
+  int slot = capture_of(g);
+  if (!seen(p, d, NOWHERE, slot, colour, way)) {
+    colour = beyond(p, d, slot);
+  }
+  add(colour, light);
+}
+
+void lose(vec4 light) {}
+
+/* Whether a ray runs through the box of a thing that may stand in the glass. */
+bool may_meet(int g, vec3 p, vec3 d, float reach)
+{
+  int first = int(row(9 + GLASS_ROWS * g).w);
+  int count = int(row(1 + GLASS_ROWS * g).w);
+  for (int k = 0; k < count; k++) {
+    int at = first + THING_ROWS * k;
+    vec4 h = vec4(p, 1.0);
+    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
+    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
+    v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
+    vec3 one = (-BOX_MARGIN - o) / v;
+    vec3 two = (BOX_MARGIN - o) / v;
+    vec3 enter = min(one, two), leave_ = max(one, two);
+    float low = max(max(enter.x, enter.y), max(enter.z, 0.0));
+    float high = min(min(leave_.x, leave_.y), min(leave_.z, reach));
+    if (low <= high) {
+      return true;
+    }
+  }
+  return false;
+}
+
+bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
+             int number)
+{
+  float size = 1.0;
+  if (!outside) {
+    if ((int(medium_row(g, m).y) & HOLLOW) == 0) {
+      return false;
+    }
+    size = row(9 + GLASS_ROWS * g).x;
+    p = to_common(g, p);
+    d = turn_out(g, d);
+  }
+  /* From one glass to another anything may stand; within one what reaches into its box. */
+  if ((!outside || same) && !may_meet(g, p, d, way * size)) {
+    return false;
+  }
+  vec4 colour;
+  float reached;
+  if (!seen(p, d, way * size, capture_of(g), colour, reached)) {
+    return false;
+  }
+  if (!outside) {
+    vec3 taken = row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m + 1).xyz;
+    light.rgb *= exp(-taken * reached / size);
+  }
+  add(colour, light);
+  return true;
+}
+
+/* A face that lies on a thing shows it, with no air between. */
+bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number)
+{
+  vec3 at = to_common(g, p);
+  vec4 clip = view.to_clip * vec4(at, 1.0);
+  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  float near = TOUCHING * row(9 + GLASS_ROWS * g).x;
+  if (has_depth != 0 && clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
+      all(lessThan(pixel, view.size.xy))) {
+    if (abs(depth_at(ivec2(pixel)) - dot(view.depth_row, vec4(at, 1.0))) < near) {
+      add(direct_at(pixel), light);
+      return true;
+    }
+  }
+  int slot = capture_of(g);
+  if (slot >= 0) {
+    vec3 away = at - view.captures[slot].xyz;
+    if (abs(smooth_gap(slot, away)) < near) {
+      add(capture_colour(slot, away), light);
+      return true;
+    }
+  }
+  return false;
+}
+"""
+
+MAIN = """
+/* Differences from pixel to pixel, as they are and as part of the colour, from which on more
+ * samples are worth their time. */
+#define EDGE_STEP vec4(0.012, 0.012, 0.012, 0.02)
+#define EDGE_PART 0.05
+
+/* Whether the first sample differs from those beside it. */
+bool is_edge(ivec2 pixel)
+{
+  vec4 here = texelFetch(first_tx, pixel, 0);
+  ivec2 last = textureSize(first_tx, 0) - 1;
+  for (int k = 0; k < 4; k++) {
+    ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
+    vec4 other = texelFetch(first_tx, clamp(pixel + step_, ivec2(0), last), 0);
+    if (any(greaterThan(abs(other - here), EDGE_STEP + EDGE_PART * abs(here)))) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/* One sample of every pixel: the colour seen through the glass, and whether there is any. */
 void main()
 {
-  ivec2 pixel = ivec2(gl_FragCoord.xy) / side + origin;
-  float near = tolerance.x * own_depth + tolerance.y;
-  if (has_depth != 0 && depth_at(pixel) < own_depth - near) {
-    discard;
+  vec2 pixel = (gl_FragCoord.xy + jitter.xy) * jitter.z;
+  vec3 p = view.plane.xyz + pixel.x * view.right.xyz + pixel.y * view.up.xyz;
+  bool parallel = view.eye.w < 0.5;
+  vec3 d = parallel ? view.eye.xyz : normalize(p - view.eye.xyz);
+  /* The ray begins where it enters the ball that holds all glasses: numbers stay small there. */
+  float ahead = -dot(p, d);
+  float off = length(p + ahead * d);
+  color = vec4(0.0);
+  /* Whether there is any glass, and how many samples the pixel has. */
+  cover = vec4(0.0, 1.0, 0.0, 0.0);
+  if (off > view.start.x) {
+    return;
   }
-  frag_colour = vec4(1.0);
+  if (only_edges != 0 && !is_edge(ivec2(gl_FragCoord.xy))) {
+    cover.g = 0.0;
+    return;
+  }
+  float enter = ahead - sqrt(view.start.x * view.start.x - off * off);
+  float eye_way = parallel ? -view.size.w : -length(p - view.eye.xyz);
+  bool within = eye_way > enter;
+  p += max(enter, eye_way) * d;
+  int g = within ? int(view.start.y) : -1, m = within ? int(view.start.z) : 0;
+  if (g >= 0 && (int(medium_row(g, m).y) & ENDLESS) == 0) {
+    p = to_glass(g, p);
+    d = turn_in(g, d);
+  }
+  float way = follow(p, d, g, m, least, most, splits != 0);
+  if (way < NOWHERE && got > 0.0) {
+    color = sum / got;
+    cover.r = 1.0;
+  }
+}
+"""
+
+PICTURE = HOOKS + SMOOTH + FOLLOW + LOOKUP + MAIN
+
+EXITS = (
+    HOOKS
+    + FOLLOW
+    + """
+/* For tests: the exit ray of the way number `wanted` of the ray in each pixel. */
+vec4 exit_place = vec4(0.0);
+vec4 exit_along = vec4(0.0);
+
+void leave(vec3 p, vec3 d, vec4 light, int g, int number)
+{
+  if (number == wanted) {
+    exit_place = vec4(p, light.w);
+    exit_along.xyz = d;
+  }
+  exit_along.w += 1.0;
+}
+
+void lose(vec4 light) {}
+bool covered(vec3 p) { return false; }
+bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
+             int number)
+{
+  return false;
+}
+bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number) { return false; }
+
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
+  vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
+  follow(p, d, -1, 0, least, most, true);
+  place = exit_place;
+  along = exit_along;
 }
 """
 )
@@ -131,70 +1203,74 @@ void main()
 }
 """
 
-# One light path's part of the light: its weight times what is seen along it. Where no copy is, that
-# is the surroundings' colour or, if the direct picture shows none, what stands right behind.
-SUM_FRAGMENT = """
+# Puts the picture into the view. part 0: what the view's pixels are multiplied by, 1: what is added
+# to them; 2: what the background, which lies in the overlay, is multiplied by, 3: the background
+# that is added where a surface stood.
+RESULT = (
+    SMOOTH
+    + """
 void main()
 {
-  ivec2 pixel = ivec2(gl_FragCoord.xy);
-  vec4 layer = vec4(0.0);
-  for (int j = 0; j < side; j++) {
-    for (int i = 0; i < side; i++) {
-      layer += texelFetch(layer_tx, pixel * side + ivec2(i, j), 0);
-    }
+  vec2 place = gl_FragCoord.xy / divisor;
+  vec4 covers_ = smooth_at(cover_tx, place);
+  vec4 seen = smooth_at(color_tx, place);
+  if (more != 0) {
+    covers_ += smooth_at(more_cover_tx, place);
+    seen += smooth_at(more_color_tx, place);
   }
-  layer /= float(max(1, side * side));
-  vec2 place = (vec2(pixel + origin) + 0.5) / float(grid.z) - vec2(grid.xy) - 0.5;
-  vec2 base = floor(place);
-  vec2 t = place - base;
-  vec2 sum = vec2(0.0);
-  ivec2 last = textureSize(weight_tx, 0) - 1;
-  for (int j = 0; j < 2; j++) {
-    for (int i = 0; i < 2; i++) {
-      float part = (i == 0 ? 1.0 - t.x : t.x) * (j == 0 ? 1.0 - t.y : t.y);
-      sum += part * texelFetch(weight_tx, clamp(ivec2(base) + ivec2(i, j), ivec2(0), last), 0).rg;
-    }
+  seen /= max(covers_.g, 1.0);
+  float covers = covers_.r / max(covers_.g, 1.0);
+  float before = texelFetch(direct_tx, ivec2(gl_FragCoord.xy), 0).a;
+  float after = (1.0 - covers) * before + min(seen.a, covers);
+  bool is_open = before < 0.99;
+  if (part == 0) {
+    frag = vec4(1.0 - covers);
   }
-  float weight = sum.y > 1e-4 ? sum.x / sum.y : 0.0;
-  vec4 behind = beyond;
-  if (is_unknown != 0) {
-    ivec2 most = textureSize(direct_tx, 0) - 1;
-    behind = texelFetch(direct_tx, clamp(pixel + origin, ivec2(0), most), 0);
+  else if (part == 1) {
+    frag = seen;
   }
-  frag_colour = weight * (layer + (1.0 - layer.a) * behind);
+  else if (part == 2) {
+    frag = vec4(is_open ? (1.0 - after) / (1.0 - before) : 1.0);
+  }
+  else {
+    frag = is_open || after > 0.99 ? vec4(0.0) : (1.0 - after) * backdrop;
+  }
+}
+"""
+)
+
+# The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
+# pixels wide, as their lines are, gets the depth of what lies on both sides of it.
+DEPTH = """
+#define FAR_OFF 1e20
+#define LINE 2
+
+float value_at(ivec2 pixel)
+{
+  return texelFetch(raw_tx, clamp(pixel, ivec2(0), textureSize(raw_tx, 0) - 1), 0).r;
+}
+
+void main()
+{
+  ivec2 p = ivec2(gl_FragCoord.xy);
+  float value = value_at(p);
+  float across = min(value_at(p - ivec2(LINE, 0)), value_at(p + ivec2(LINE, 0)));
+  float along = min(value_at(p - ivec2(0, LINE)), value_at(p + ivec2(0, LINE)));
+  value = max(value, max(across, along));
+  float depth = (line.x + line.y * value) / (line.z + line.w * value);
+  frag = vec4(value >= 1.0 ? FAR_OFF : depth);
 }
 """
 
-# What a pixel of the view is multiplied by (part 0) and what is added to it (part 1), in the
-# scene's colours; what its background, which lies in the overlay, is multiplied by (part 2), and
-# the background that is added where a surface stood (part 3).
-RESULT_FRAGMENT = """
+# Takes a face of a capture, as the engine drew it, into the atlas of all captures.
+FACE = """
 void main()
 {
-  ivec2 here = ivec2(gl_FragCoord.xy);
-  ivec2 pixel = here - origin;
-  float cover = 0.0;
-  for (int j = 0; j < side; j++) {
-    for (int i = 0; i < side; i++) {
-      cover += texelFetch(hull_tx, pixel * side + ivec2(i, j), 0).r;
-    }
-  }
-  cover /= float(side * side);
-  vec4 seen = texelFetch(sum_tx, pixel, 0);
-  float before = texelFetch(direct_tx, here, 0).a;
-  float after = mix(before, min(seen.a, 1.0), cover);
-  bool is_open = before < 0.99;
-  if (part == 0) {
-    frag_colour = vec4(1.0 - cover);
-  }
-  else if (part == 1) {
-    frag_colour = cover * seen;
-  }
-  else if (part == 2) {
-    frag_colour = vec4(is_open ? (1.0 - after) / (1.0 - before) : 1.0);
-  }
-  else {
-    frag_colour = is_open || after > 0.99 ? vec4(0.0) : (1.0 - after) * backdrop;
-  }
+  ivec2 pixel = ivec2(gl_FragCoord.xy) - origin;
+  vec4 colour = texelFetch(face_tx, pixel, 0);
+  float value = texelFetch(depth_tx, pixel, 0).r;
+  float depth = range.x * range.y / (range.y - value * (range.y - range.x));
+  color = colour;
+  reach = vec4(value < 1.0 ? depth : (colour.a > 0.5 ? 1e20 : -1e20));
 }
 """

@@ -1,77 +1,63 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draws the live picture into a 3D view: the one place that uses ``gpu``.
+"""Draws the live picture into a 3D view.
 
-The view's engine has drawn the direct picture; its colours (linear, before colour management) and
-depths are read back and are what the displaced copies look their colour up in. The sum over light
-paths goes back into the same colour buffer, so Blender's own colour management, overlays and gizmos
-come on top of it as ever.
+The view's engine has drawn the direct picture, without the glasses; its colours (linear, before
+colour management) and depths are read back and are what rays that leave a glass are looked up in.
+The picture goes into the same colour buffer, so Blender's own colour management, overlays and
+gizmos come on top of it as ever.
 """
 
 from __future__ import annotations
+
+import time
+from dataclasses import dataclass
 
 import gpu
 import numpy as np
 
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
-from .eye import depth_line
-from .picture import Pane, Picture, affine4, drawn, rect_matrix, weight_planes
+from .description import Frame, Posed
+from .eye import depth_line, depths, pack_view
 
-SIDE = 2
-"""Samples a side of each pixel at rest."""
-HULL_SIDE = 4
-HULL_LIVE_SIDE = 2
-MAX_SAMPLES = 8_000_000
-"""Of one glass; larger ones get one sample a pixel."""
-LOOKUP_PX = 8.0
-"""How far, in pixels' worth of depth, a place may lie from what the direct picture shows."""
-_GRAIN = 64
-"""Off-screen sizes are multiples of it, so that few are made while the eye moves."""
+TILE = 8
+"""Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
 
 _shaders: dict[str, object] = {}
+_FAR = 1e19
 
 
-class Painter:
-    """What one view keeps on the GPU. Only to be used, and let go, while a GPU context is there."""
+@dataclass(frozen=True)
+class Way:
+    """How rays are followed: the least part of the light, the most ways, whether they split."""
+
+    least: float
+    most: int
+    splits: bool
+
+
+class Direct:
+    """What a view shows without the glasses, on the GPU.
+
+    Attributes
+    ----------
+    colour, depth, tiles : textures. has_depth : EEVEE writes none while overlays are off.
+    stamp : a part of the pixels, to tell whether anything changed.
+    """
 
     def __init__(self) -> None:
-        self._direct = self._depth = None
-        self._size: tuple[int, int] = (0, 0)
+        self.size = (0, 0)
+        self.colour = self.depth = self.tiles = None
+        self.has_depth = False
+        self.stamp: np.ndarray | None = None
         self._buffers: tuple = ()
-        self._offscreens: dict[str, object] = {}
-        self._batches: dict[tuple, tuple] = {}
-        self._weights: dict[str, tuple] = {}
+        self._target = None
 
-    def paint(self, picture: Picture, framebuffer, overlay_backdrop) -> None:
-        """Put the picture into the view.
-
-        Parameters
-        ----------
-        framebuffer : the view's own: scene colours and depth. The bound one is the overlay's.
-        overlay_backdrop : (4,) what the view shows where nothing is, linear; it lies in the
-            overlay, is added to the scene and so has no alpha.
-        """
-        view = picture.view
-        panes = sorted(picture.panes.values(), key=lambda p: -p.distance(view))
-        panes = [p for p in panes if p.rect[0] < p.rect[2] and p.rect[1] < p.rect[3]]
-        if not panes:
-            return
-        beyond = self._read_direct(framebuffer, view)
-        if not picture.exact:
-            # Faint paths are not looked at now; a guess is better than a hole.
-            beyond = None
-        self._drop_unused(panes)
-        for pane in panes:
-            self._pane(pane, view, framebuffer, beyond, overlay_backdrop, picture.exact)
-        gpu.state.depth_test_set("NONE")
-        gpu.state.depth_mask_set(False)
-        gpu.state.blend_set("NONE")
-
-    def _read_direct(self, framebuffer, view: Viewpoint) -> tuple[float, ...] | None:
-        """Take the direct picture over; returns what it shows where nothing is, if known."""
+    def read(self, framebuffer, view: Viewpoint, unit: float) -> bool:
+        """Take the view's picture over; whether it differs from the last one."""
         width, height = view.size
-        if self._size != view.size:
-            self._size = view.size
+        if self.size != view.size:
+            self.size = view.size
             self._buffers = (
                 gpu.types.Buffer("FLOAT", (height, width, 4)),
                 gpu.types.Buffer("FLOAT", (height, width)),
@@ -79,273 +65,445 @@ class Painter:
         colour, depth = self._buffers
         framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT", data=colour)
         framebuffer.read_depth(0, 0, width, height, data=depth)
-        self._direct = gpu.types.GPUTexture(view.size, format="RGBA16F", data=colour)
-        self._depth = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
-        depths = np.asarray(depth)[::8, ::8]
-        # EEVEE writes none while overlays are off: what is hidden can then not be told.
-        self._has_depth = bool(depths.min() < depths.max())
-        far = depths >= 1.0
-        if not far.any() or not self._has_depth:
-            return None
-        return tuple(np.asarray(colour)[::8, ::8][far].mean(axis=0).tolist())
-
-    def _pane(self, pane: Pane, view, framebuffer, beyond, backdrop, is_sharp: bool) -> None:
-        x0, y0, x1, y1 = pane.rect
-        width, height = x1 - x0, y1 - y0
-        side = SIDE if is_sharp and width * height * SIDE**2 <= MAX_SAMPLES else 1
-        edge = HULL_SIDE if is_sharp else HULL_LIVE_SIDE
-        hull = self._offscreen("hull", edge * width, edge * height, "RGBA8")
-        with hull.bind():
-            self._begin(edge * width, edge * height)
-            self._draw_hull(pane, view, edge)
-        total = self._offscreen("sum", width, height, "RGBA16F")
-        with total.bind():
-            self._begin(width, height)
-        layer = self._offscreen("layer", side * width, side * height, "RGBA16F")
-        planes = self._weight_planes(pane)
-        for path, plane in zip(pane.paths, planes, strict=False):
-            with layer.bind():
-                self._begin(side * width, side * height)
-                self._draw_copies(pane, path, view)
-            with total.bind():
-                gpu.state.viewport_set(0, 0, width, height)
-                self._add(pane, layer.texture_color, side, plane, beyond)
-        with total.bind():
-            gpu.state.viewport_set(0, 0, width, height)
-            rest, dark = planes[len(pane.paths) :]
-            self._add(pane, layer.texture_color, 0, rest, beyond)
-            self._add(pane, layer.texture_color, 0, dark, (0.0, 0.0, 0.0, 1.0))
-        with framebuffer.bind():
-            self._result(pane, view, hull, total, edge, 0)
-            self._result(pane, view, hull, total, edge, 1)
-        self._result(pane, view, hull, total, edge, 2)
-        self._result(pane, view, hull, total, edge, 3, backdrop)
-
-    @staticmethod
-    def _begin(width: int, height: int) -> None:
-        gpu.state.active_framebuffer_get().clear(color=(0.0, 0.0, 0.0, 0.0), depth=1.0)
-        gpu.state.viewport_set(0, 0, width, height)
-        gpu.state.blend_set("NONE")
-
-    def _draw_hull(self, pane: Pane, view: Viewpoint, side: int) -> None:
-        vertices, faces = pane.hull
-        matrix = rect_matrix(view, pane.rect)
-        batch = self._batch(
-            ("hull", pane.glass.name),
-            (pane.version, view.stamp()),
-            lambda: (
-                {
-                    "clip": affine4(vertices, matrix),
-                    "depth": view.clip(vertices)[:, 3:].astype(np.float32),
-                },
-                np.ascontiguousarray(faces, np.int32),
-            ),
+        self.colour = gpu.types.GPUTexture(view.size, format="RGBA16F", data=colour)
+        self._linear(view, unit, gpu.types.GPUTexture(view.size, format="R32F", data=depth))
+        values = np.asarray(depth)
+        tiles = _tiles(values, view, unit)
+        self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
+        rows, columns, _ = tiles.shape
+        self.tiles = gpu.types.GPUTexture(
+            (columns, rows), format="RG32F", data=gpu.types.Buffer("FLOAT", tiles.shape, tiles)
         )
-        shader = _shader("hull")
-        gpu.state.depth_test_set("NONE")
-        shader.bind()
-        self._lookup_uniforms(shader, view)
-        shader.uniform_int("origin", pane.rect[:2])
-        shader.uniform_int("side", [side])
-        batch.draw(shader)
+        stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
+        same = self.stamp is not None and np.array_equal(stamp, self.stamp)
+        self.stamp = stamp
+        return not same
 
-    def _draw_copies(self, pane: Pane, path, view: Viewpoint) -> None:
-        shader = _shader("copy")
-        shader.bind()
-        gpu.state.depth_test_set("LESS_EQUAL")
-        gpu.state.depth_mask_set(True)
-        self._lookup_uniforms(shader, view)
-        shader.uniform_sampler("direct_tx", self._direct)
-        for key, shape in pane.of_path(path):
+    def _linear(self, view: Viewpoint, unit: float, raw) -> None:
+        """Fill the texture of depths along the view from the depth buffer's values."""
+        if self.depth is None or (self.depth.width, self.depth.height) != view.size:
+            self.depth = gpu.types.GPUTexture(view.size, format="R32F")
+            self._target = gpu.types.GPUFrameBuffer(color_slots=[self.depth])
+        shader = _shader("depth")
+        a, b, c, d = depth_line(view)
+        with self._target.bind():
+            gpu.state.viewport_set(0, 0, *view.size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("raw_tx", raw)
+            shader.uniform_float("line", (a, b, c * unit, d * unit))
+            shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
+            _quad().draw(shader)
 
-            def made(shape=shape):
-                arrays = drawn(shape, view, pane.rect)
-                attributes = {
-                    "clip": arrays.clip,
-                    "place": arrays.place,
-                    "colour": arrays.colours,
-                }
-                return attributes, arrays.corners
 
-            batch = self._batch(
-                (pane.glass.name, *key), (shape.version, view.stamp(), pane.rect), made
+def _tiles(values: np.ndarray, view: Viewpoint, unit: float) -> np.ndarray:
+    """(rows, columns, 2) float32: nearest and farthest depth of tiles, in units of the frame."""
+    height, width = values.shape
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    found = np.empty((rows, columns, 2), np.float32)
+    starts = np.arange(columns) * TILE
+    for axis, best in ((0, np.minimum), (1, np.maximum)):
+        by_row = best.reduceat(values, np.arange(rows) * TILE, axis=0)
+        by_tile = best.reduceat(by_row, starts, axis=1)
+        far = by_tile >= 1.0
+        found[..., axis] = np.where(far, _FAR, depths(view, np.where(far, 0.0, by_tile)) / unit)
+    return found
+
+
+class _Layer:
+    """Samples of a picture, added up, and how many each pixel has."""
+
+    def __init__(self) -> None:
+        self.size = (0, 0)
+        self.divisor = 1
+        self.samples = 0
+        self.colour = self.cover = self.target = None
+
+    def clear(self, size: tuple[int, int], divisor: int) -> None:
+        if self.size != size:
+            self.size = size
+            self.colour, self.cover = (
+                gpu.types.GPUTexture(size, format="RGBA16F") for _ in range(2)
             )
-            if batch is not None:
-                batch.draw(shader)
+            self.target = gpu.types.GPUFrameBuffer(color_slots=[self.colour, self.cover])
+        self.divisor, self.samples = divisor, 0
+        with self.target.bind():
+            self.target.clear(color=(0.0, 0.0, 0.0, 0.0))
+
+
+LAYERS = 5
+"""That a view has: one of what moves, and two pairs for pictures at rest, of their first sample and
+of further ones at edges; one pair is shown while the other is drawn."""
+
+
+class Painter:
+    """What one view keeps on the GPU. Only to be used, and let go, while a GPU context is there."""
+
+    def __init__(self) -> None:
+        self.direct = Direct()
+        self._layers = [_Layer() for _ in range(LAYERS)]
+        self._used: list[_Layer] = []
+        self._drawn = self._layers[0]
+        self._block: tuple = (None, None)
+        self._view_block = None
+        self._view: Viewpoint | None = None
+        self._rects: list[tuple[float, float, float, float]] = []
+        self._strips: list[tuple[float, float, float, float]] = []
+
+    def describe(
+        self,
+        block: np.ndarray,
+        view: Viewpoint,
+        frame: Frame,
+        glasses: list[Posed],
+        within: tuple[int, int],
+        captures: list[tuple[np.ndarray, int]],
+    ) -> None:
+        """Hand the glasses' block (see :mod:`description`) and the view to the shader."""
+        if self._block[0] is not block:
+            self._block = (block, _uniform(block))
+        self._view_block = _uniform(pack_view(view, frame, within, captures))
+        self._view = view
+        self._rects = merged([screen_rect(glass, view) for glass in glasses])
+
+    @property
+    def pixels(self) -> int:
+        """Of the view, that can show a glass."""
+        width, height = self._view.size
+        area = sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in self._rects)
+        return int(0.25 * area * width * height)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether no sample is half drawn."""
+        return not self._strips
+
+    def begin(self, divisor: int, number: int) -> None:
+        """Start a layer anew, with a sample for ``divisor``² pixels of the view.
+
+        What is shown stays what it was until `use` says so.
+        """
+        width, height = self._view.size
+        layer = self._layers[number]
+        layer.clear((-(-width // divisor), -(-height // divisor)), divisor)
+        self._drawn, self._strips = layer, []
+
+    def use(self, *numbers: int) -> None:
+        """Show one layer from now on, or the sum of two."""
+        self._used = [self._layers[number] for number in numbers]
+
+    @property
+    def divisor(self) -> int:
+        """Pixels a side for a sample of what is shown; 0 before there is any."""
+        return self._used[0].divisor if self._used else 0
+
+    @property
+    def samples(self) -> int:
+        """Samples that the layer has which is drawn now."""
+        return self._drawn.samples
+
+    def sample(
+        self,
+        jitter: tuple[float, float],
+        way: Way,
+        captures: tuple,
+        pixels: int | None = None,
+        edges_of: int | None = None,
+    ) -> int:
+        """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
+
+        Parameters
+        ----------
+        captures : the textures of all captures, see `capture.Captures.textures`.
+        edges_of : number of the layer of which only the edges get a sample.
+        pixels : about how many to draw now; the next call goes on. None: all.
+
+        Returns
+        -------
+        int
+            About how many were drawn.
+        """
+        if not self._strips:
+            self._strips = list(self._rects)
+        if pixels is None:
+            strips, self._strips = self._strips, []
+        else:
+            strips = [self._take(pixels)]
+        shader = _shader("picture")
+        layer = self._drawn
+        with layer.target.bind():
+            gpu.state.viewport_set(0, 0, *layer.size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.depth_mask_set(False)
+            gpu.state.blend_set("ADDITIVE_PREMULT")
+            shader.bind()
+            shader.uniform_block("glasses", self._block[1])
+            shader.uniform_block("view", self._view_block)
+            shader.uniform_sampler("direct_tx", self.direct.colour)
+            shader.uniform_sampler("depth_tx", self.direct.depth)
+            shader.uniform_sampler("tile_tx", self.direct.tiles)
+            shader.uniform_sampler("capture_tx", captures[0])
+            shader.uniform_sampler("reach_tx", captures[1])
+            shader.uniform_float("jitter", (*jitter, float(layer.divisor), 0.0))
+            first = self.direct.colour if edges_of is None else self._layers[edges_of].colour
+            shader.uniform_sampler("first_tx", first)
+            shader.uniform_int("only_edges", int(edges_of is not None))
+            shader.uniform_float("least", way.least)
+            shader.uniform_int("most", way.most)
+            shader.uniform_int("splits", int(way.splits))
+            shader.uniform_int("has_depth", int(self.direct.has_depth))
+            for rect in strips:
+                shader.uniform_float("box", rect)
+                _quad().draw(shader)
+            gpu.state.blend_set("NONE")
+        if not self._strips:
+            layer.samples += 1
+        return int(sum(self._area(rect) for rect in strips))
+
+    def _area(self, rect) -> float:
+        """Samples of a rectangle."""
+        x0, y0, x1, y1 = rect
+        return 0.25 * (x1 - x0) * (y1 - y0) * self._drawn.size[0] * self._drawn.size[1]
+
+    def _take(self, pixels: int) -> tuple[float, float, float, float]:
+        """The next strip of about so many pixels of what is still to be drawn."""
+        x0, y0, x1, y1 = rect = self._strips.pop(0)
+        height = self._drawn.size[1]
+        # It ends between two rows of samples: each is drawn once.
+        begin = 0.5 * (y0 + 1.0) * height
+        end = np.ceil(begin + pixels * 0.5 * (y1 - y0) * height / max(self._area(rect), 1.0))
+        middle = float(2.0 * end / height - 1.0)
+        if middle >= y1:
+            return rect
+        self._strips.insert(0, (x0, middle, x1, y1))
+        return (x0, y0, x1, middle)
+
+    def wait(self) -> float:
+        """Seconds until the GPU has done what was asked of it."""
+        began = time.perf_counter()
+        with self._drawn.target.bind():
+            self._drawn.target.read_color(0, 0, 1, 1, 4, 0, "FLOAT")
+        return time.perf_counter() - began
+
+    def show(self, framebuffer, backdrop: tuple[float, float, float, float]) -> None:
+        """Put the picture into the view.
+
+        Parameters
+        ----------
+        framebuffer : the view's own: scene colours and depth. The bound one is the overlay's.
+        backdrop : what the view shows where nothing is, linear; it lies in the overlay, is added to
+            the scene and so has no alpha.
+        """
+        with framebuffer.bind():
+            self._result(0, backdrop)
+            self._result(1, backdrop)
+        self._result(2, backdrop)
+        self._result(3, backdrop)
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
-
-    def _lookup_uniforms(self, shader, view: Viewpoint) -> None:
-        shader.uniform_sampler("depth_tx", self._depth)
-        shader.uniform_float("depth_line", depth_line(view))
-        near = LOOKUP_PX / view.focal_px
-        shader.uniform_float("tolerance", (0.0, near) if view.is_parallel else (near, 0.0))
-        shader.uniform_int("has_depth", [int(self._has_depth)])
-
-    def _add(self, pane: Pane, layer, side: int, plane, beyond) -> None:
-        shader = _shader("sum")
-        shader.bind()
-        gpu.state.blend_set("ADDITIVE_PREMULT")
-        shader.uniform_sampler("layer_tx", layer)
-        shader.uniform_sampler("weight_tx", plane)
-        shader.uniform_int("origin", pane.rect[:2])
-        shader.uniform_int("side", [side])
-        shader.uniform_int("grid", (*pane.regions.rect[:2], pane.step))
-        shader.uniform_sampler("direct_tx", self._direct)
-        shader.uniform_float("beyond", beyond or (0.0, 0.0, 0.0, 0.0))
-        shader.uniform_int("is_unknown", [int(beyond is None)])
-        shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
-        self._quad().draw(shader)
         gpu.state.blend_set("NONE")
 
-    def _result(self, pane: Pane, view, hull, total, side: int, part: int, backdrop=None) -> None:
+    def _result(self, part: int, backdrop) -> None:
         shader = _shader("result")
-        shader.bind()
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("ADDITIVE_PREMULT" if part % 2 else "MULTIPLY")
-        shader.uniform_sampler("hull_tx", hull.texture_color)
-        shader.uniform_sampler("sum_tx", total.texture_color)
-        shader.uniform_sampler("direct_tx", self._direct)
-        shader.uniform_int("origin", pane.rect[:2])
-        shader.uniform_int("side", [side])
-        shader.uniform_int("part", [part])
-        shader.uniform_float("backdrop", backdrop or (0.0, 0.0, 0.0, 0.0))
-        size = (*view.size, *view.size)
-        shader.uniform_float(
-            "box", [2.0 * a / n - 1.0 for a, n in zip(pane.rect, size, strict=True)]
-        )
-        self._quad().draw(shader)
+        shader.bind()
+        one, other = self._used[0], self._used[-1]
+        shader.uniform_sampler("color_tx", one.colour)
+        shader.uniform_sampler("cover_tx", one.cover)
+        shader.uniform_sampler("more_color_tx", other.colour)
+        shader.uniform_sampler("more_cover_tx", other.cover)
+        shader.uniform_int("more", int(other is not one))
+        shader.uniform_sampler("direct_tx", self.direct.colour)
+        shader.uniform_int("part", part)
+        shader.uniform_float("backdrop", backdrop)
+        shader.uniform_float("divisor", float(self.divisor))
+        for rect in self._rects:
+            shader.uniform_float("box", rect)
+            _quad().draw(shader)
         gpu.state.blend_set("NONE")
 
-    def _weight_planes(self, pane: Pane) -> list:
-        """A texture a path, one of what no path brings, one of what is dark: (weight, known)."""
-        known = self._weights.get(pane.glass.name)
-        if known is not None and known[0] == pane.version:
-            return known[1]
-        textures = []
-        for plane in weight_planes(pane):
-            height, width, _ = plane.shape
-            buffer = gpu.types.Buffer("FLOAT", plane.shape, plane)
-            textures.append(gpu.types.GPUTexture((width, height), format="RG32F", data=buffer))
-        self._weights[pane.glass.name] = (pane.version, textures)
-        return textures
 
-    def _offscreen(self, name: str, width: int, height: int, kind: str):
-        width, height = (-(-n // _GRAIN) * _GRAIN for n in (width, height))
-        found = self._offscreens.get(name)
-        if found is None or (found.width, found.height) != (width, height):
-            found = self._offscreens[name] = gpu.types.GPUOffScreen(width, height, format=kind)
-        return found
-
-    def _batch(self, key: tuple, stamp: tuple, made):
-        """The batch of that name; from ``made()`` where the stamp differs, None if it is empty."""
-        known = self._batches.get(key)
-        if known is None or known[0] != stamp:
-            attributes, corners = made()
-            known = self._batches[key] = (stamp, _triangles(attributes, corners))
-        return known[1]
-
-    def _quad(self):
-        corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)
-        faces = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
-        return self._batch(("quad",), (), lambda: ({"corner": corners}, faces))
-
-    def _drop_unused(self, panes: list[Pane]) -> None:
-        wanted = {("quad",)}
-        for pane in panes:
-            wanted.add(("hull", pane.glass.name))
-            wanted |= {(pane.glass.name, *key) for key in pane.shapes}
-        self._batches = {key: value for key, value in self._batches.items() if key in wanted}
-        names = {pane.glass.name for pane in panes}
-        self._weights = {key: value for key, value in self._weights.items() if key in names}
+def screen_rect(glass: Posed, view: Viewpoint) -> tuple[float, float, float, float] | None:
+    """The part of the view, -1 to 1 in x and y, that can show a glass; None if there is none."""
+    low, high = glass.body.box
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
+    world = corners @ glass.to_world[:3, :3].T + glass.to_world[:3, 3]
+    clip = np.column_stack((world, np.ones(8))) @ (view.projection @ view.to_camera).T
+    if not view.is_parallel:
+        ahead = clip[:, 3] > 0.0
+        if not ahead.any():
+            return None
+        if not ahead.all():
+            return (-1.0, -1.0, 1.0, 1.0)
+    places = clip[:, :2] / clip[:, 3:]
+    # A pixel more on each side: where samples are shifted, edges are smoothed.
+    pixel = 4.0 / np.array(view.size)
+    x0, y0 = np.clip(places.min(axis=0) - pixel, -1.0, 1.0)
+    x1, y1 = np.clip(places.max(axis=0) + pixel, -1.0, 1.0)
+    return (float(x0), float(y0), float(x1), float(y1)) if x0 < x1 and y0 < y1 else None
 
 
-def _triangles(attributes: dict[str, np.ndarray], corners: np.ndarray):
-    if not len(corners):
-        return None
-    layout = gpu.types.GPUVertFormat()
-    for name, values in attributes.items():
-        layout.attr_add(id=name, comp_type="F32", len=values.shape[1], fetch_mode="FLOAT")
-    count = len(next(iter(attributes.values())))
-    vertices = gpu.types.GPUVertBuf(layout, count)
-    for name, values in attributes.items():
-        vertices.attr_fill(name, np.ascontiguousarray(values))
-    indices = gpu.types.GPUIndexBuf(type="TRIS", seq=corners)
-    return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=indices)
+def merged(rects: list) -> list[tuple[float, float, float, float]]:
+    """Rectangles (x0, y0, x1, y1) that cover the same and more, of which no two overlap."""
+    found: list[tuple[float, float, float, float]] = []
+    for rect in rects:
+        if rect is None:
+            continue
+        while True:
+            meets = [r for r in found if _overlap(r, rect)]
+            if not meets:
+                break
+            found = [r for r in found if r not in meets]
+            sides = np.array([rect, *meets])
+            rect = (*sides[:, :2].min(axis=0).tolist(), *sides[:, 2:].max(axis=0).tolist())
+        found.append(rect)
+    return found
+
+
+def _overlap(a, b) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def exit_rays(block: np.ndarray, origins: np.ndarray, directions: np.ndarray, least: float, ways):
+    """Exit rays as the shader finds them, for tests; needs a GPU context.
+
+    Parameters
+    ----------
+    block : see `description.pack`. origins, directions : (rows, columns, 3), common frame.
+    ways : how many to return of each ray.
+
+    Returns
+    -------
+    places, alongs : (ways, rows, columns, 4): origin and part of the light; direction and number of
+        ways that the ray has.
+    """
+    rows, columns, _ = origins.shape
+    size = (columns, rows)
+    inputs = []
+    for values in (origins, directions):
+        filled = np.ones((rows, columns, 4), np.float32)
+        filled[..., :3] = values
+        data = gpu.types.Buffer("FLOAT", filled.shape, filled)
+        inputs.append(gpu.types.GPUTexture(size, format="RGBA32F", data=data))
+    outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2)]
+    target = gpu.types.GPUFrameBuffer(color_slots=outputs)
+    shader, glasses = _shader("exits"), _uniform(block)
+    found = np.zeros((2, ways, rows, columns, 4), np.float32)
+    for wanted in range(ways):
+        with target.bind():
+            gpu.state.viewport_set(0, 0, *size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_block("glasses", glasses)
+            shader.uniform_sampler("origin_tx", inputs[0])
+            shader.uniform_sampler("along_tx", inputs[1])
+            shader.uniform_float("least", least)
+            shader.uniform_int("most", ways)
+            shader.uniform_int("wanted", wanted)
+            shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
+            _quad().draw(shader)
+            for slot in range(2):
+                data = target.read_color(0, 0, columns, rows, 4, slot, "FLOAT")
+                found[slot, wanted] = np.asarray(data).reshape(rows, columns, 4)
+    return found[0], found[1]
+
+
+def _uniform(block: np.ndarray):
+    block = np.ascontiguousarray(block, np.float32).ravel()
+    return gpu.types.GPUUniformBuf(gpu.types.Buffer("FLOAT", len(block), block))
+
+
+def _quad():
+    if "quad" not in _shaders:
+        layout = gpu.types.GPUVertFormat()
+        layout.attr_add(id="corner", comp_type="F32", len=2, fetch_mode="FLOAT")
+        corners = gpu.types.GPUVertBuf(layout, 4)
+        corners.attr_fill("corner", np.array([(0, 0), (1, 0), (0, 1), (1, 1)], np.float32))
+        _shaders["quad"] = gpu.types.GPUBatch(type="TRI_STRIP", buf=corners)
+    return _shaders["quad"]
 
 
 def _shader(name: str):
     """The compiled shader of that name."""
     if name not in _shaders:
-        _shaders[name] = _compiled(*_DESCRIPTIONS[name])
+        _shaders[name] = compiled(**DESCRIPTIONS[name])
     return _shaders[name]
 
 
-_LOOKUP = [("VEC4", "depth_line"), ("VEC2", "tolerance"), ("INT", "has_depth")]
-# Inputs, varyings, constants, samplers, vertex and fragment text.
-_DESCRIPTIONS = {
-    "copy": (
-        [("VEC4", "clip"), ("VEC4", "place"), ("VEC3", "colour")],
-        [("VEC4", "place_at"), ("VEC3", "own_colour")],
-        _LOOKUP,
-        ["direct_tx", "depth_tx"],
-        glsl.COPY_VERTEX,
-        glsl.COPY_FRAGMENT,
-    ),
-    "hull": (
-        [("VEC4", "clip"), ("FLOAT", "depth")],
-        [("FLOAT", "own_depth")],
-        [*_LOOKUP, ("IVEC2", "origin"), ("INT", "side")],
-        ["depth_tx"],
-        glsl.HULL_VERTEX,
-        glsl.HULL_FRAGMENT,
-    ),
-    "sum": (
-        [("VEC2", "corner")],
-        [],
-        [
+DESCRIPTIONS = {
+    "picture": {
+        "constants": [
+            ("VEC4", "jitter"),
             ("VEC4", "box"),
-            ("VEC4", "beyond"),
-            ("IVEC3", "grid"),
-            ("IVEC2", "origin"),
-            ("INT", "side"),
-            ("INT", "is_unknown"),
+            ("FLOAT", "least"),
+            ("INT", "most"),
+            ("INT", "splits"),
+            ("INT", "has_depth"),
+            ("INT", "only_edges"),
         ],
-        ["layer_tx", "weight_tx", "direct_tx"],
-        glsl.QUAD_VERTEX,
-        glsl.SUM_FRAGMENT,
-    ),
-    "result": (
-        [("VEC2", "corner")],
-        [],
-        [
+        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx", "first_tx"],
+        "glasses": True,
+        "view": True,
+        "outputs": ["color", "cover"],
+        "fragment": glsl.PICTURE,
+    },
+    "result": {
+        "constants": [
             ("VEC4", "box"),
             ("VEC4", "backdrop"),
-            ("IVEC2", "origin"),
-            ("INT", "side"),
             ("INT", "part"),
+            ("INT", "more"),
+            ("FLOAT", "divisor"),
         ],
-        ["hull_tx", "sum_tx", "direct_tx"],
-        glsl.QUAD_VERTEX,
-        glsl.RESULT_FRAGMENT,
-    ),
+        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx", "direct_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.RESULT,
+    },
+    "exits": {
+        "constants": [("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
+        "samplers": ["origin_tx", "along_tx"],
+        "glasses": True,
+        "outputs": ["place", "along"],
+        "fragment": glsl.EXITS,
+    },
+    "depth": {
+        "constants": [("VEC4", "box"), ("VEC4", "line")],
+        "samplers": ["raw_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.DEPTH,
+    },
+    "face": {
+        "constants": [
+            ("VEC4", "box"),
+            ("VEC2", "range"),
+            ("IVEC2", "origin"),
+        ],
+        "samplers": ["face_tx", "depth_tx"],
+        "outputs": ["color", "reach"],
+        "fragment": glsl.FACE,
+    },
 }
 
 
-def _compiled(inputs, varyings, constants, samplers, vertex: str, fragment: str):
+def compiled(*, constants, samplers, outputs, fragment: str, glasses=False, view=False):
+    """A shader that draws quads: ``box`` is (x0, y0, x1, y1) of what it covers, -1 to 1."""
     info = gpu.types.GPUShaderCreateInfo()
-    for slot, (kind, name) in enumerate(inputs):
-        info.vertex_in(slot, kind, name)
-    if varyings:
-        stage = gpu.types.GPUStageInterfaceInfo("refractive_glass_stage")
-        for kind, name in varyings:
-            stage.smooth(kind, name)
-        info.vertex_out(stage)
+    info.vertex_in(0, "VEC2", "corner")
     for kind, name in constants:
         info.push_constant(kind, name)
+    if glasses or view:
+        info.typedef_source(glsl.BLOCKS)
+    if glasses:
+        info.uniform_buf(0, "Glasses", "glasses")
+    if view:
+        info.uniform_buf(1, "View", "view")
     for slot, name in enumerate(samplers):
         info.sampler(slot, "FLOAT_2D", name)
-    info.fragment_out(0, "VEC4", "frag_colour")
-    info.vertex_source(vertex)
+    for slot, name in enumerate(outputs):
+        info.fragment_out(slot, "VEC4", name)
+    info.vertex_source(glsl.QUAD_VERTEX)
     info.fragment_source(fragment)
     return gpu.shader.create_from_info(info)

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which 3D views show the refracted picture, and when it is found anew.
+"""Which 3D views show the refracted picture, and when it is made anew.
 
-A view is drawn with what can be found at once; 0.2 s after the last change a timer finds the rest,
-as exactly as a render, and has the view drawn once more. While no view asks, no draw handler is
-registered. Views are known by pointer: nothing of Blender's is kept from one call to the next.
+A redraw follows one ray for each pixel of a glass, or for each few while that would take long. Once
+nothing has changed for a moment a timer has the surroundings captured, as far as they are out of
+date, and adds rays until edges are smooth; each of its steps is short. While no view asks, no draw
+handler is registered. Views are known by pointer: nothing of Blender's is kept from one call to the
+next.
 """
 
 from __future__ import annotations
@@ -11,49 +13,95 @@ from __future__ import annotations
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator
 
 import bpy
+import numpy as np
 from bpy.app.handlers import persistent
 
+from ..scene.changes import generation
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
-from .picture import Picture
+from .model import Model
 
-REST_SECONDS = 0.2
+MOVING, FIRST, MORE = range(3)
+"""Which picture is drawn: of what moves, or at rest its first sample or further ones at edges."""
+
+MOVING_LAYER = 0
+"""Number of the painter's layer for what moves; the others are pairs for views at rest."""
+REST_SECONDS = 0.15
+"""Since the last change: then a view counts as at rest."""
+HOLD_SECONDS = 0.25
+"""For which faces of captures may be drawn one after the other."""
 SLICE_SECONDS = 0.05
 """Of work at rest, between which Blender sees to the user."""
+REDRAW_SECONDS = 0.02
+"""Between looks whether a redraw that was asked for has come."""
+PLAYING_SECONDS = 0.5
+"""Between looks whether an animation still plays."""
+SAMPLES = 6
+"""A pixel at rest."""
+WAYS, WAYS_MOVING = 12, 5
+"""Ways of a ray that are followed to their end, at rest and while something moves."""
+SHARE_OF_REDRAW = 0.8
+"""A moving picture may take this part of the time that the view's redraw takes without it."""
+MOST_PIXELS = 6
+"""A side, of which a moving picture has one sample at least."""
+LEAST_PIXELS = 2000
+"""Of a slice of a sample: fewer tell nothing of the speed."""
+MOST_GROWTH = 4.0
+"""Of a slice over the one before: strips of a picture differ."""
+LEAST_SECONDS = 1e-5
+QUICK_SECONDS = 0.012
+"""A face of a capture that takes no longer is drawn while things move, too."""
 EDGES = "Edges in Viewport"
+LINE_SIZE, LINE_PLACE = 12.0, (24.0, 24.0)
+"""Of the line of text: its size, and where it begins from the lower left corner, pixels."""
 
 counters: Counter[str] = Counter()
-"""Since start: ``draws`` of views that ask, ``rests`` (exact updates by the timer)."""
+"""Since start: ``draws`` of views that ask, ``traces`` of a sample, ``faces`` of captures,
+``rests`` (final pictures), ``milliseconds`` of Python in redraws."""
 
 
 class _View:
     """What is kept for one region."""
 
     def __init__(self) -> None:
-        self.picture = Picture()
+        self.model = Model()
         self.painter = None
+        self.captures = None
         self.framebuffer = None
         self.space = 0
         self.failure = ""
-        self._steps: Iterator[None] | None = None
+        self.problems: list[str] = []
+        self.stamp: tuple = ()
+        self.eye = None
+        self.turned = b""
+        self.changed = 0.0
+        self.began = 0.0
+        self.final = self.waits = False
+        """All samples are there; a redraw is due before more can be added."""
+        self.stage = MOVING
+        self.layers = (1, 2)
+        self.gpu_seconds = 0.0
+        self.spent = (0, 0.0)
+        """Pixels and seconds of the sample that is being drawn."""
+        self.strip_speed = 0.0
+        self.speed = 0.0
+        """Samples a second, as measured."""
+        self.plain_seconds = 0.1
+        self.python_ms = 0.0
 
-    def refine(self, window: bpy.types.Window, space: bpy.types.SpaceView3D) -> None:
-        """One step towards the exact picture."""
-        if self._steps is None:
-            layer = window.view_layer
-            self._steps = self.picture.steps(
-                window.scene, layer, layer.depsgraph, self.picture.view, exact=True, space=space
-            )
-        if next(self._steps, self) is self:
-            self._steps = None
-
-    def stop(self) -> None:
-        """Something changed: what was being refined is of no use."""
-        self._steps = None
+    def line(self) -> str:
+        """What the view is working on; empty if on nothing."""
+        if self.failure:
+            return self.failure
+        if self.captures is None or self.final or not self.model.glasses:
+            return ""
+        done, total = self.captures.total - self.captures.left, self.captures.total
+        if done < total:
+            return f"Surroundings of the glasses: {done} of {total}"
+        return ""
 
 
 _shown: set[int] = set()
@@ -81,29 +129,26 @@ def show(space: bpy.types.SpaceView3D, on: bool) -> None:
 
 
 def status(space: bpy.types.SpaceView3D) -> list[str]:
-    """What there is to say of the view: problems, or how long the last update took."""
+    """What there is to say of the view: problems, or what it is doing."""
     lines = []
     for view in _views.values():
         if view.space != space.as_pointer():
             continue
-        if view.failure:
-            lines.append(view.failure)
-        lines += view.picture.problems
-        if view.picture.panes:
-            how = "exact" if view.picture.exact else "following"
-            lines.append(f"Last update: {view.picture.milliseconds:.0f} ms, {how}")
+        lines += view.problems
+        working = view.line()
+        if working:
+            lines.append(working)
+        elif view.model.glasses:
+            how = "at rest" if view.final else "moving"
+            lines.append(f"Last redraw: {view.python_ms:.0f} ms of Python, {how}")
     return lines
 
 
 def doubt() -> None:
-    """Data-blocks may have been replaced (undo, redo): what was found is to be compared anew.
-
-    It is arrays alone, under keys that undo keeps, so it may stay.
-    """
+    """Data-blocks may have been replaced (undo, redo): everything is read anew."""
     for view in _views.values():
-        view.picture.doubt()
+        view.model.key = view.stamp = ()
         view.failure = ""
-        view.stop()
 
 
 def mark_glasses(on: bool | None = None) -> None:
@@ -121,14 +166,41 @@ def _before_view() -> None:
     import gpu
 
     context = bpy.context
-    if context.space_data.as_pointer() in _shown:
+    if context.space_data.as_pointer() in _shown and not is_capturing():
         view = _views.setdefault(context.region.as_pointer(), _View())
         view.framebuffer = gpu.state.active_framebuffer_get()
+        view.began = time.perf_counter()
+
+
+def is_capturing() -> bool:
+    """Whether the engine draws a capture just now: draw handlers are called for it too."""
+    from .capture import is_drawing
+
+    return is_drawing()
+
+
+def _after_pixels() -> None:
+    """POST_PIXEL: a line of text that says what the view is working on."""
+    import blf
+
+    context = bpy.context
+    view = _views.get(context.region.as_pointer())
+    if view is None or is_capturing() or context.space_data.as_pointer() not in _shown:
+        return
+    line = view.line()
+    if line:
+        scale = context.preferences.system.ui_scale
+        blf.size(0, LINE_SIZE * scale)
+        blf.color(0, 1.0, 1.0, 1.0, 0.8)
+        blf.position(0, LINE_PLACE[0] * scale, LINE_PLACE[1] * scale, 0.0)
+        blf.draw(0, line)
 
 
 def _after_view() -> None:
     """POST_VIEW: the engine and the overlays have drawn; gizmos and text are still to come."""
     context = bpy.context
+    if is_capturing():
+        return
     view = _views.get(context.region.as_pointer())
     if view is None or view.framebuffer is None or context.space_data.as_pointer() not in _shown:
         return
@@ -145,6 +217,7 @@ def _after_view() -> None:
 
 
 def _draw(view: _View, context: bpy.types.Context) -> None:
+    from .capture import Captures
     from .paint import Painter
 
     space, region, scene = context.space_data, context.region, context.scene
@@ -152,11 +225,16 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     layer = context.view_layer
     if layer.depsgraph is None or space.shading.type == "WIREFRAME":
         return
-    if not scene.refractive_glass.enabled:
-        view.stop()
-        view.picture = Picture()
-        _unmarked(layer, False)
+    enabled = scene.refractive_glass.enabled
+    if enabled != view.model.enabled:
+        view.model.enabled = enabled
+        _unmarked(layer, enabled)
+    if not enabled:
         return
+    if view.painter is None:
+        view.painter, view.captures = Painter(), Captures()
+    painter, captures, model = view.painter, view.captures, view.model
+    python = -time.perf_counter()
     matrices = region.data
     eye = view_eye(
         (region.width, region.height),
@@ -164,16 +242,144 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         matrices.window_matrix,
         matrices.is_perspective,
     )
-    picture = view.picture
-    if not picture.matches(scene, eye):
-        view.stop()
-        picture.update(scene, layer, layer.depsgraph, eye, exact=False, space=space)
-        picture.problems += _unmarked(layer, True)
-    if not picture.exact:
+    key = (scene.session_uid, generation(scene), space.local_view is not None)
+    looks = _looks(space)
+    if model.key != key:
+        model.read(layer, space)
+        model.key = key
+        view.problems = model.problems + _unmarked(layer, True)
+        if model.glasses:
+            captures.arrange(model.glasses, looks, model.boxes)
+            captures.outdate()
+    elif view.stamp[1:2] != (looks,) and model.glasses:
+        captures.arrange(model.glasses, looks, model.boxes)
+        captures.outdate()
+    if not model.glasses:
+        return
+    turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
+    if turned != view.turned:
+        captures.outdate()
+        view.turned = turned
+    view.eye = eye
+    python += time.perf_counter()
+    view.waits = False
+    changed = painter.direct.read(view.framebuffer, eye, model.frame.unit)
+    view.plain_seconds = time.perf_counter() - view.began
+    view.gpu_seconds = 0.0
+    python -= time.perf_counter()
+    settings = scene.refractive_glass
+    stamp = (key, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
+    if changed or stamp != view.stamp:
+        moved = stamp[:-1] != view.stamp[:-1]
+        view.stamp = stamp
+        view.final = False
+        if moved:
+            view.changed = time.perf_counter()
+        if moved:
+            _describe(view, eye)
+            painter.begin(_divisor(view), MOVING_LAYER)
+            view.spent = (0, 0.0)
+            _sample(view, settings, WAYS_MOVING)
+            painter.use(MOVING_LAYER)
+        # Else the engine only refines what it shows: what is there stays until better is done.
+        view.stage = MOVING
         _ask_for_rest()
-    if view.painter is None:
-        view.painter = Painter()
-    view.painter.paint(picture, view.framebuffer, _backdrop(context))
+    painter.show(view.framebuffer, _backdrop(context))
+    python += time.perf_counter() - view.gpu_seconds
+    view.python_ms = 1e3 * python
+    counters["milliseconds"] += view.python_ms
+
+
+def _describe(view: _View, eye) -> None:
+    model = view.model
+    model.look_from(eye)
+    view.painter.describe(
+        model.block, eye, model.frame, model.glasses, model.within, view.captures.listed()
+    )
+
+
+def _divisor(view: _View) -> int:
+    """Pixels a side of the view for one sample of a moving picture."""
+    if view.speed == 0.0:
+        return 2
+    affordable = max(1.0, SHARE_OF_REDRAW * view.plain_seconds * view.speed)
+    return int(np.clip(np.ceil(np.sqrt(view.painter.pixels / affordable)), 1, MOST_PIXELS))
+
+
+def _sample(
+    view: _View, settings, ways: int, seconds: float | None = None, edges_of: int | None = None
+) -> None:
+    """One more sample a pixel, or as much of it as these seconds allow; how fast is measured."""
+    from .paint import Way
+
+    painter = view.painter
+    way = Way(settings.min_weight, ways, settings.surface == "GLASS")
+    number = painter.samples if edges_of is None else painter.samples + 1
+    jitter = _jitter(number) if number else (0.0, 0.0)
+    pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
+    began = time.perf_counter()
+    drawn = painter.sample(jitter, way, view.captures.textures, pixels, edges_of)
+    painter.wait()
+    spent = max(time.perf_counter() - began, LEAST_SECONDS)
+    view.gpu_seconds += spent
+    view.strip_speed = min(drawn / spent, MOST_GROWTH * view.strip_speed)
+    view.spent = (view.spent[0] + drawn, view.spent[1] + spent)
+    if painter.is_whole:
+        counters["traces"] += 1
+        drawn, spent = view.spent
+        view.spent = (0, 0.0)
+        # Of a whole sample: strips differ, and samples of edges alone tell nothing.
+        if edges_of is None:
+            view.speed = drawn / spent
+
+
+def _jitter(number: int) -> tuple[float, float]:
+    """Places in a pixel, from its middle, that fill it evenly (Halton's, bases 2 and 3)."""
+    found = []
+    for base in (2, 3):
+        value, part, k = 0.0, 1.0, number
+        while k:
+            part /= base
+            value += part * (k % base)
+            k //= base
+        found.append(value - 0.5)
+    return found[0], found[1]
+
+
+def light_comes_along(shading: bpy.types.View3DShading) -> bool:
+    """Whether things are lit from where the eye is, so that its turn changes their colours."""
+    if shading.type != "SOLID" or shading.light == "FLAT":
+        return False
+    return shading.light == "MATCAP" or not shading.use_world_space_lighting
+
+
+_LOOKS = (
+    "type",
+    "light",
+    "color_type",
+    "single_color",
+    "studio_light",
+    "studiolight_intensity",
+    "studiolight_rotate_z",
+    "studiolight_background_alpha",
+    "use_world_space_lighting",
+    "use_scene_lights",
+    "use_scene_world",
+    "use_scene_lights_render",
+    "use_scene_world_render",
+    "show_shadows",
+    "show_cavity",
+    "show_object_outline",
+    "show_specular_highlight",
+    "show_backface_culling",
+    "show_xray",
+)
+
+
+def _looks(space: bpy.types.SpaceView3D) -> tuple:
+    """The settings of a view that its captures depend on; the first is the shading's type."""
+    found = (getattr(space.shading, name, None) for name in _LOOKS)
+    return tuple(v if isinstance(v, str | int | float | None) else tuple(v) for v in found)
 
 
 def _unmarked(layer: bpy.types.ViewLayer, wanted: bool) -> list[str]:
@@ -215,33 +421,82 @@ def _ask_for_rest() -> None:
 
 
 def _rest() -> float | None:
-    """Timer: nothing moved for a while; find what the views show as exactly as a render.
-
-    A slice at a time: whatever the user does comes between, and ends it if it changes something.
-    """
-    until = time.perf_counter() + SLICE_SECONDS
+    """Timer: the next piece of work for a view that is at rest; then Blender sees to the user."""
+    if bpy.app.is_job_running("RENDER") or bpy.app.is_job_running("OBJECT_BAKE"):
+        return PLAYING_SECONDS
+    wait = None
     for window, space, region in _open_regions():
         view = _views.get(region.as_pointer())
-        if view is None or view.picture.view is None or view.picture.exact or view.failure:
+        if view is None or view.painter is None or view.final or view.failure:
             continue
-        if window.screen.is_animation_playing:
-            return REST_SECONDS
-        if not view.picture.matches(window.scene, view.picture.view):
-            # Once it is drawn anew, it asks again.
-            region.tag_redraw()
+        if not view.model.glasses or space.as_pointer() not in _shown:
+            continue
+        quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
+        if window.screen.is_animation_playing and not quick:
+            wait = PLAYING_SECONDS if wait is None else min(wait, PLAYING_SECONDS)
+            continue
+        left = view.changed + REST_SECONDS - time.perf_counter()
+        if left > 0.0 and not quick:
+            wait = left if wait is None else min(wait, left)
             continue
         try:
-            while time.perf_counter() < until and not view.picture.exact:
-                view.refine(window, space)
+            _work(view, window, space, region)
         except Exception as error:
             view.failure = f"{type(error).__name__}: {error}"
             traceback.print_exc()
-        if view.picture.exact or view.failure:
-            counters["rests"] += 1
             region.tag_redraw()
-        if time.perf_counter() >= until:
-            return SLICE_SECONDS / 10
-    return None
+        if not (view.final or view.failure):
+            wait = REDRAW_SECONDS if view.waits else 0.0
+    return wait
+
+
+def _work(view: _View, window, space, region) -> None:
+    """A face of a capture, or samples for as long as a slice lasts."""
+    scene, painter, captures = window.scene, view.painter, view.captures
+    if view.waits:
+        return
+    if captures.left:
+        if view.model.key[:2] != (scene.session_uid, generation(scene)):
+            # Drawn anew, the view asks again.
+            region.tag_redraw()
+            view.waits, view.changed = True, time.perf_counter()
+            return
+        view_3d = scene, window.view_layer, space, region
+        turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
+        until = time.perf_counter() + HOLD_SECONDS
+        while captures.left:
+            captures.draw(view.model.frame, view.model.glasses, view_3d, turned)
+            counters["faces"] += 1
+            if time.perf_counter() + captures.seconds > until:
+                break
+        if not captures.left:
+            view.waits = True
+            region.tag_redraw()
+        return
+    settings = scene.refractive_glass
+    until = time.perf_counter() + SLICE_SECONDS
+    while time.perf_counter() < until and not view.final:
+        if view.stage == MOVING:
+            _describe(view, view.eye)
+            # Into the layers that are not shown.
+            view.layers = (3, 4) if view.layers == (1, 2) else (1, 2)
+            painter.begin(1, view.layers[0])
+            view.strip_speed = view.speed / MOST_GROWTH
+            view.stage = FIRST
+        elif view.stage == FIRST:
+            _sample(view, settings, WAYS, SLICE_SECONDS)
+            if painter.is_whole:
+                painter.use(view.layers[0])
+                painter.begin(1, view.layers[1])
+                view.stage = MORE
+                region.tag_redraw()
+        else:
+            _sample(view, settings, WAYS, SLICE_SECONDS, view.layers[0])
+            if painter.is_whole and painter.samples >= SAMPLES - 1:
+                painter.use(*view.layers)
+                view.final = True
+                counters["rests"] += 1
+                region.tag_redraw()
 
 
 def _open_regions():
@@ -322,6 +577,7 @@ def _match_handlers() -> None:
         kind = bpy.types.SpaceView3D
         _handles.append(kind.draw_handler_add(_before_view, (), "WINDOW", "PRE_VIEW"))
         _handles.append(kind.draw_handler_add(_after_view, (), "WINDOW", "POST_VIEW"))
+        _handles.append(kind.draw_handler_add(_after_pixels, (), "WINDOW", "POST_PIXEL"))
     else:
         while _handles:
             bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")

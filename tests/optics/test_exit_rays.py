@@ -10,6 +10,7 @@ import pytest
 
 from glass_refraction import optics
 from glass_refraction.optics import solver
+from glass_refraction.optics.bodies import Ball
 from glass_refraction.optics.exit_rays import _interface_code
 from glass_refraction.optics.facets import fold
 
@@ -288,6 +289,34 @@ def test_water_that_overlaps_or_touches_its_cup_fills_it(overlap):
     for glasses in (parts, parts[::-1]):
         found = optics.exit_rays(glasses, eye, directions, min_weight=0.02, most_events=30)
         same_rays(found, expected, eye, atol=1e-6, weight=1e-7)
+
+
+def test_water_in_a_closed_hollow_ball_fills_it():
+    rng = np.random.default_rng(20)
+    pose = moved(0.2, 0.0, 0.1)
+    full = optics.PlacedGlass(optics.body(optics.SphereGlass((0.05, 0.047), (1.5, 1.333))), pose)
+    eye, directions = rays_at(rng, full.body.box + pose[:3, 3], 300)
+    expected = optics.exit_rays([full], eye, directions, min_weight=0.02)
+    shell = optics.body(optics.SphereGlass((0.05, 0.047), (1.5, 1.0)))
+    for radius in (0.047, 0.0485):
+        water = optics.body(optics.SphereGlass((radius,), (1.333,)))
+        glasses = [optics.PlacedGlass(water, pose), optics.PlacedGlass(shell, pose, None, 1)]
+        found = optics.exit_rays(glasses, eye, directions, min_weight=0.02)
+        same_rays(found, expected, eye, atol=1e-7, weight=1e-7)
+
+
+def test_a_bubble_of_higher_priority_is_a_hole():
+    rng = np.random.default_rng(21)
+    hollow = optics.PlacedGlass(
+        optics.body(optics.SphereGlass((0.05, 0.02), (1.5, 1.0))), np.eye(4)
+    )
+    eye, directions = rays_at(rng, hollow.body.box, 300)
+    expected = optics.exit_rays([hollow], eye, directions, min_weight=0.02)
+    ball = optics.PlacedGlass(optics.body(optics.SphereGlass((0.05,), (1.5,))), np.eye(4))
+    bubble = optics.PlacedGlass(Ball(optics.SphereGlass((0.02,), (1.0,))), np.eye(4), None, 1)
+    for glasses in ([ball, bubble], [bubble, ball]):
+        found = optics.exit_rays(glasses, eye, directions, min_weight=0.02)
+        same_rays(found, expected, eye)
 
 
 def test_thin_gaps_are_gaps():
@@ -620,10 +649,21 @@ def test_no_glass_no_rays_and_rays_that_are_none():
     np.testing.assert_array_equal(ends.lost, [1.0, 1.0, 0.0])
 
 
+def test_poses_of_float32_are_made_rigid():
+    rng = np.random.default_rng(19)
+    pose = random_pose(rng, 1.0)
+    placed = optics.PlacedGlass(BODIES["ball"], pose.astype(np.float32))
+    turn = placed.pose[:3, :3]
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(placed.pose, pose, atol=1e-6)
+
+
 def test_bad_input_is_named():
     body = BODIES["ball"]
     with pytest.raises(ValueError, match="pose must be a rigid"):
         optics.PlacedGlass(body, 2.0 * np.eye(4))
+    with pytest.raises(ValueError, match="pose must be a rigid"):
+        optics.PlacedGlass(body, np.eye(3))
     with pytest.raises(ValueError, match="absorption must be"):
         optics.exit_rays(
             [optics.PlacedGlass(body, np.eye(4), np.zeros((1, 3)))], (0, 0, 1), [(0, 0, 1)]

@@ -81,7 +81,7 @@ def test_a_box_as_a_mesh_is_the_slab_with_its_sides():
 @pytest.mark.parametrize("shape", ["rod", "ball"])
 def test_a_mesh_is_nearer_to_the_round_glass_the_finer_it_is(shape):
     rng = np.random.default_rng(2)
-    count = 250
+    count = 150
     if shape == "rod":
         body = optics.body(optics.CylinderGlass((0.04,), (1.5,), extent=(0.0, 0.1)))
     else:
@@ -91,7 +91,7 @@ def test_a_mesh_is_nearer_to_the_round_glass_the_finer_it_is(shape):
     closed = optics.PlacedGlass(body, np.eye(4), np.array([0 * tint, tint]))
     expected = seen(optics.exit_rays([closed], eye, directions, min_weight=0.02), count)
     off, asked = [], []
-    for fine in (12, 24, 48):
+    for fine in (10, 20, 40):
         mesh = meshes.rod(0.04, 0.0, 0.1, 2 * fine) if shape == "rod" else meshes.ball(0.04, fine)
         meet = meshes.Caster([(0, mesh)])
         ends = optics.exit_rays(
@@ -101,7 +101,7 @@ def test_a_mesh_is_nearer_to_the_round_glass_the_finer_it_is(shape):
         off.append(np.median(np.abs(seen(ends, count) - expected)))
         asked.append(meet.rays)
     # Chords lie off the arc by a quarter where there are twice as many.
-    assert off[1] < 0.5 * off[0] and off[2] < 0.5 * off[1] and off[2] < 2e-3
+    assert off[1] < 0.5 * off[0] and off[2] < 0.5 * off[1] and off[2] < 4e-3
     # What is asked for grows with rays and bounces, not with triangles.
     assert max(asked) < 1.3 * min(asked)
 
@@ -300,6 +300,21 @@ def test_few_facets_stand_for_many(monkeypatch):
     assert many.std() < 0.5 * few.std()
 
 
+def test_samples_of_a_pixel_share_its_facets_evenly():
+    """Sixteen rays of a pixel that know each other see it with less noise than strangers."""
+    pixels, samples = 60, 16
+    count = pixels * samples
+    along = np.tile(unit(np.array([(0.3, 0.1, -1.0)])), (count, 1))
+    pixel, sample = np.divmod(np.arange(count), samples)
+    noise = []
+    for numbers in ({"pixel": pixel, "sample": sample}, {}):
+        ends = optics.exit_rays([pane(0.3)], (-0.09, -0.03, 0.3), along, **numbers)
+        aside = ends.weight * (ends.direction[:, 0] > along[0, 0])
+        light = np.bincount(ends.ray, aside, count)
+        noise.append(light.reshape(pixels, samples).mean(axis=1).std())
+    assert noise[0] < 0.75 * noise[1]
+
+
 def test_roughness_and_pixels_that_are_none():
     with pytest.raises(ValueError, match="roughness must be"):
         pane(1.5)
@@ -307,3 +322,5 @@ def test_roughness_and_pixels_that_are_none():
         optics.PlacedMesh(1.5, roughness=float("nan"))
     with pytest.raises(ValueError, match="pixel must be"):
         optics.exit_rays([pane(0.1)], (0, 0, 1), [(0, 0, -1)], pixel=[0.5])
+    with pytest.raises(ValueError, match="sample must be"):
+        optics.exit_rays([pane(0.1)], (0, 0, 1), [(0, 0, -1)], sample=[1, 2])

@@ -31,7 +31,7 @@ def curtain(view: RadianceView, pixels: np.ndarray) -> tuple[np.ndarray, np.ndar
     used = np.zeros((rows, columns), bool)
     for dx in (-REACH_PX, REACH_PX):
         for dy in (-REACH_PX, REACH_PX):
-            x, y = ((pixels + (dx, dy)) // BLOCK_PX).astype(int).T
+            x, y = ((pixels + np.array((dx, dy))) // BLOCK_PX).astype(int).T
             used[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)] = True
     corners = []
     for row in range(rows):
@@ -45,6 +45,6 @@ def curtain(view: RadianceView, pixels: np.ndarray) -> tuple[np.ndarray, np.ndar
     p, depth = view.projection, BEHIND_NEAR * view.near
     ndc = 2.0 * places / (width, height) - 1.0
     points = np.empty((len(places), 3))
-    points[:, :2] = (ndc + (p[0, 2], p[1, 2])) / (p[0, 0], p[1, 1]) * depth
+    points[:, :2] = (ndc + p[:2, 2]) / (p[0, 0], p[1, 1]) * depth
     points[:, 2] = -depth
     return points, np.arange(len(points)).reshape(-1, 4)

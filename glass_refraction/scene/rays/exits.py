@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
 
-from ..read.viewpoint import Viewpoint
+from .follow import Follower
 from .hits import Shown, Ways
 from .lamps import Sun
 
@@ -28,10 +27,6 @@ ENOUGH = 0.25
 FILTER_SIGMA = {"CYCLES": 0.142, "BLENDER_EEVEE": 0.284, "BLENDER_WORKBENCH": 0.35}
 """Of the engines' pixel filters (Blackman and Harris's window as a Gauss bell): standard deviation
 over the filter's width in Cycles, over its radius in EEVEE, in pixels in Workbench."""
-
-Follow = Callable[[np.ndarray, np.ndarray], tuple[Ways, np.ndarray]]
-"""Follows world rays (M, 3), (M, 3): their ways, and the part of the light (M,) that was lost. A ray
-that meets no glass first has no way."""
 
 
 def filter_sigma(engine: str, filter_size: float) -> float:
@@ -65,18 +60,15 @@ def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.nd
     return np.flatnonzero(wanted)
 
 
-def centre_rays(view: Viewpoint, pixels: np.ndarray, follow: Follow) -> PictureRays:
+def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
     """One ray through the centre of each pixel (N,); those that meet a glass are kept."""
-    return _rays(view, pixels, np.zeros((1, 2)), follow)
+    return _rays(pixels, np.zeros((1, 2)), follower)
 
 
-def finer_rays(
-    view: Viewpoint, pixels: np.ndarray, side: int, sigma: float, follow: Follow
-) -> PictureRays:
+def finer_rays(pixels: np.ndarray, side: int, sigma: float, follower: Follower) -> PictureRays:
     """``side``² rays in each pixel (N,), spread as the pixel filter weighs places."""
     steps = sigma * _bell_means(side)
-    places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    return _rays(view, pixels, places, follow)
+    return _rays(pixels, np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2), follower)
 
 
 def _bell_means(count: int) -> np.ndarray:
@@ -94,17 +86,10 @@ def _quantile(probability: float) -> float:
     return np.inf if probability >= 1.0 else NormalDist().inv_cdf(probability)
 
 
-def _rays(view: Viewpoint, pixels: np.ndarray, places: np.ndarray, follow: Follow) -> PictureRays:
-    width = view.size[0]
-    count = len(places)
-    pixel = np.repeat(pixels, count)
-    offset = np.tile(places, (len(pixels), 1))
-    x = pixel % width + 0.5 + offset[:, 0]
-    y = pixel // width + 0.5 + offset[:, 1]
-    origins, directions = view.rays(x, y)
-    ways, lost = follow(np.array(origins), np.array(directions))
-    ways = _with_lost(ways, lost)
-    return PictureRays(pixel, np.full(len(pixel), 1.0 / count), ways)
+def _rays(pixels: np.ndarray, places: np.ndarray, follower: Follower) -> PictureRays:
+    ways, lost = follower.ways(pixels, places)
+    pixel = np.repeat(pixels, len(places))
+    return PictureRays(pixel, np.full(len(pixel), 1.0 / len(places)), _with_lost(ways, lost))
 
 
 def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ... import optics
-from ..memory import counters
 from ..read.glasses import Glass, as_body
 from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
@@ -29,6 +28,7 @@ from .exits import (
     neighbours,
     sun_light,
 )
+from .follow import Band, Follower, Kept
 from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
 from .meshes import GlassMeshes
 from .radiance import Sky, known_light, stand_ins
@@ -134,15 +134,20 @@ class Glints:
     colour: np.ndarray
 
 
-def compute(frame: FrameInput, casters: Casters, room: Room) -> FrameResult:
-    """The pictures of one frame."""
+def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> FrameResult:
+    """The pictures of one frame.
+
+    Parameters
+    ----------
+    kept : what earlier frames found and this one may use; it changes the time, never the answer.
+    """
     bodies = [body for body in map(as_body, frame.glasses) if body is not None]
     centre, scale = _place_and_size(bodies, frame.view)
     casters.things.aim(frame.things, centre, scale)
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
     scene = Scene(casters.things, frame.things, sky_is_known=frame.sky.radiance is not None)
     direct = direct_view(frame.view, frame.region, frame.near)
-    rays, shown, views, glints = _followed(frame, scene, direct, bodies, meshes, scale, room)
+    rays, shown, views, glints = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
     return _summed(frame, scene, views, rays, shown, glints)
 
 
@@ -150,9 +155,16 @@ def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarra
     """The middle (3,) and the size, metres, of a box round all glasses."""
     if not bodies:
         return view.eye, 1.0
-    corners = np.concatenate([_corners(body) for body in bodies])
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    low, high = _hull(bodies)
     return 0.5 * (low + high), float(np.linalg.norm(high - low))
+
+
+def _hull(bodies: Sequence[Glass]) -> np.ndarray:
+    """(2, 3): a box round all glasses, in the world; of none, one point."""
+    if not bodies:
+        return np.zeros((2, 3))
+    corners = np.concatenate([_corners(body) for body in bodies])
+    return np.array((corners.min(axis=0), corners.max(axis=0)))
 
 
 def _corners(body: Glass) -> np.ndarray:
@@ -191,50 +203,25 @@ def _followed(
     meshes: GlassMeshes,
     scale: float,
     room: Room,
+    kept: Kept,
 ):
     """The picture's rays, what shows their hits, all views, and the suns' glints."""
     view = frame.view
     rects = [_cut(_rect(body, view), frame.region) for body in bodies]
     pixels = grid(rects, view.size)
-    bands = _bands(frame.glasses)
-    boxes = _boxes(frame.things)
-
-    def follow(origins: np.ndarray, directions: np.ndarray) -> tuple[Ways, np.ndarray]:
-        parts = []
-        lost = np.zeros(len(origins))
-        for number, (band, placed) in enumerate(bands):
-            ends = optics.exit_rays(
-                placed,
-                origins,
-                directions,
-                min_weight=frame.min_weight,
-                cast=scene.caster.cast,
-                things=boxes,
-                meet=meshes.meet if meshes else None,
-                fresnel=frame.fresnel,
-            )
-            counters["exit_rays"] += len(origins)
-            met = np.flatnonzero(ends.events > 0)
-            weight = ends.weight[met]
-            colour = np.array(BAND_COLOURS[band])
-            tint = np.exp(-ends.depth[met]) * colour
-            # Lost light of a ray that meets a glass is shared out among its ways.
-            lost += ends.lost * colour.mean()
-            parts.append(
-                Ways(
-                    ends.ray[met],
-                    ends.path[met] ^ np.int64(number),
-                    weight * colour.mean(),
-                    weight[:, None] * tint,
-                    ends.origin[met],
-                    ends.direction[met],
-                    ends.distance[met],
-                    ends.thing[met],
-                )
-            )
-        return Ways.joined(parts), lost
-
-    coarse = centre_rays(view, pixels, follow)
+    follower = Follower(
+        view,
+        _bands(frame.glasses),
+        scene.caster,
+        meshes,
+        _boxes(frame.things),
+        _hull(bodies),
+        frame.min_weight,
+        frame.fresnel,
+        kept,
+    )
+    kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
+    coarse = centre_rays(pixels, follower)
     most = min(frame.captures, room.captures)
     captures = place_captures(scene, direct, coarse.ways, most, frame.aspect, NEAREST * scale)
     views = [direct, *captures, *[None] * (room.captures - len(captures))]
@@ -251,20 +238,20 @@ def _followed(
     limits = [limit for _, limit in SIDES[1:]] + [np.inf]
     for (side, least), most in zip(SIDES, limits, strict=True):
         some = pixels[(rough > least) & (rough <= most)]
-        fine = finer_rays(view, some, side, sigma, follow)
+        fine = finer_rays(some, side, sigma, follower)
         parts.append((fine, show(scene, views, fine.ways)))
     rays, shown = _together([part for part, _ in parts]), Shown.joined([s for _, s in parts])
     return rays, shown, views, glint
 
 
-def _bands(glasses: Sequence[Glass]) -> list[tuple[str, list[optics.Placed]]]:
+def _bands(glasses: Sequence[Glass]) -> list[Band]:
     """The glasses as the tracer takes them, in light of each band; one band without dispersion."""
     names = list(optics.LINES) if any(glass.disperses for glass in glasses) else [""]
     found = []
     for band in names:
         seen = [glass.in_light(band) if glass.disperses and band else glass for glass in glasses]
         bodies = [body for body in map(as_body, seen) if body is not None]
-        found.append((band, [_placed(body) for body in bodies]))
+        found.append((BAND_COLOURS[band], [_placed(body) for body in bodies]))
     return found
 
 

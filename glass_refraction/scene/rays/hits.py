@@ -132,7 +132,7 @@ class Scene:
         return found
 
     def worth(self, view: RadianceView, ways: Ways, direct: bool) -> tuple[np.ndarray, np.ndarray]:
-        """How well a view would show each hit (K,), 0 where it lies outside, and its pixels there."""
+        """How well a view shows each hit (K,), 0 where it lies outside, and its pixels there."""
         pixels = np.zeros((len(ways), 2))
         worth = np.zeros(len(ways))
         sky = np.flatnonzero(ways.is_sky)
@@ -259,10 +259,12 @@ def _best_capture(scene: Scene, direct: RadianceView, ways: Ways, aspect: float,
     light = np.bincount(kind, ways.weight, len(kinds))
     groups = [np.flatnonzero(kind == k) for k in np.argsort(-light, kind="stable")[:KINDS]]
     groups.append(np.arange(len(ways)))
+    parts = [ways.take(group[:: max(1, len(group) // TRIED)]) for group in groups]
+    tried = [(virtual_eye(p.origin, p.direction, p.weight), p) for p in parts]
+    # From where the light leaves the glass it sees what the exit rays see.
+    tried += [(np.average(p.origin, axis=0, weights=p.weight), p) for p in parts]
     best = None
-    for group in groups:
-        part = ways.take(group[:: max(1, len(group) // TRIED)])
-        eye = virtual_eye(part.origin, part.direction, part.weight)
+    for eye, part in tried:
         for opened in (part, ways):
             view = _capture_from(eye, opened, direct, aspect, near)
             if view is None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..read.arrays import positions
 from ..names import own
+from ..read.arrays import positions
 from .lamps import lamp_shape
 from .looks import Look, look_of
 

@@ -27,6 +27,7 @@ from ..read.glasses import glass_modifier, read_glasses
 from ..read.viewpoint import Viewpoint, border_window, render_size
 from ..read.visibility import rendered_layer
 from .caster import Casters, fill_cast_collection
+from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
 from .radiance import sky_of
@@ -38,7 +39,7 @@ from .views import RadianceView
 CURTAIN = "curtain"
 """Role of what hides the pixels of a view that nobody looks up."""
 CAPTURE, SKY, CAST = "capture", "sky", "cast"
-"""Roles of own scenes: for captures, for views of the world alone, and one that rays are cast in."""
+"""Roles of own scenes: for captures, for views of the world alone, and to cast rays in."""
 ROOM = Room(captures=3, skies=3)
 """Views that the compositor tree has room for."""
 LEAST_CLIP = 1e-4
@@ -133,7 +134,8 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     started = time.perf_counter()
     problems: list[str] = []
     views = find_own_scenes(scene, (CAPTURE, SKY))
-    result = compute(_read(scene, depsgraph, view, problems), _casters(scene), ROOM)
+    read = _read(scene, depsgraph, view, problems)
+    result = compute(read, _casters(scene), ROOM, _kept(scene))
     _write(scene, views, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
@@ -157,6 +159,13 @@ def _casters(scene: bpy.types.Scene) -> Casters:
     if memory.casters is None or memory.casters.scene != cast:
         memory.casters = Casters.of(cast)
     return memory.casters
+
+
+def _kept(scene: bpy.types.Scene) -> Kept:
+    memory = memory_of(scene)
+    if memory.kept is None:
+        memory.kept = Kept()
+    return memory.kept
 
 
 def _read(

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..read.viewpoint import Viewpoint
 
-WIDEST = np.radians(65.0)
-"""Half angle that a capture opens to: beyond, pixels at its border are five times as dense."""
+WIDEST = np.radians(70.0)
+"""Half angle that a capture opens to: beyond, pixels at its border are eight times as dense."""
 NARROWEST = np.radians(2.0)
 """Half angle that a capture opens to at least: float32 cameras stay exact."""
 MARGIN = 1.04

@@ -67,7 +67,13 @@ class Glass:
 
     def stamp(self) -> tuple:
         """What the optics depend on; equal stamps give equal pictures."""
-        return (self.key, self.description, self.to_world.tobytes(), self.absorption)
+        return (
+            self.key,
+            self.description,
+            self.to_world.tobytes(),
+            self.absorption,
+            self.priority,
+        )
 
     @property
     def key(self) -> str:

@@ -43,6 +43,18 @@ class MeshGlass:
         if not (np.isfinite(self.ior) and self.ior > 0.0):
             raise ValueError(f"ior must be a number above 0, not {self.ior!r}")
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MeshGlass) and all(
+            np.array_equal(mine, theirs)
+            for mine, theirs in zip(self._parts(), other._parts(), strict=True)
+        )
+
+    __hash__ = None
+
+    def _parts(self) -> tuple:
+        own = self.ior, self.roughness, self.refracted, self.reflected
+        return (*own, self.points, self.normals)
+
     @property
     def media(self) -> tuple[float, float]:
         """The ior around it and its own."""

@@ -24,8 +24,8 @@ REST_SECONDS = 40
 result = {"seconds": {}}
 
 
-def modules():
-    return sys.modules[f"{NAME}.viewport.views"], sys.modules[f"{NAME}.viewport.picture"]
+def module():
+    return sys.modules[f"{NAME}.viewport.views"]
 
 
 def areas(kind="VIEW_3D"):
@@ -90,18 +90,18 @@ def flat_view(area, kind):
 
 
 def rest():
-    """Wait until every view that asks is exact, and drawn so."""
-    views, _ = modules()
+    """Wait until every view that asks has its final picture, and shows it."""
+    views = module()
     started = time.perf_counter()
     yield 0.3
     while time.perf_counter() - started < REST_SECONDS:
         known = views._views.values()
-        if known and all(v.picture.exact or v.failure for v in known):
+        if known and all(v.final or v.failure for v in known):
             break
         yield 0.1
     else:
         raise RuntimeError("the views did not come to rest")
-    # The last redraws: of the exact picture, and of the engine's anti-aliasing.
+    # The last redraws: of the final picture, and of the engine's anti-aliasing.
     for _ in range(20):
         draws = views.counters["draws"]
         yield 0.4
@@ -110,7 +110,7 @@ def rest():
 
 
 def failures():
-    views, _ = modules()
+    views = module()
     return [v.failure for v in views._views.values() if v.failure]
 
 
@@ -143,12 +143,12 @@ def frames_like_f12():
 
 def stillness():
     """Whether draws and operations come to an end while nothing happens."""
-    views, picture = modules()
+    views = module()
     result["still"] = False
     for _ in range(20):
-        before = dict(views.counters), dict(picture.counters)
+        before = dict(views.counters)
         yield 1.5
-        if before == (dict(views.counters), dict(picture.counters)):
+        if before == dict(views.counters):
             result["still"] = True
             break
 
@@ -194,7 +194,7 @@ def faces_of_glass():
 
 def two_views():
     (area,) = areas()
-    views, _ = modules()
+    views = module()
     with override(area):
         bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
     yield 1.0
@@ -207,7 +207,7 @@ def two_views():
         flat_view(one, "SOLID")
     second.spaces.active.region_3d.view_perspective = "PERSP"
     yield from rest()
-    result["views"] = len([v for v in views._views.values() if v.picture.exact])
+    result["views"] = len([v for v in views._views.values() if v.final])
     screenshot("viewport_two", first)
     other = first.spaces.active
     switch(second, False)
@@ -232,7 +232,7 @@ def saved_file():
 
 
 def off():
-    views, _ = modules()
+    views = module()
     for area in areas():
         if views.is_shown(area.spaces.active):
             switch(area, False)
@@ -241,7 +241,7 @@ def off():
 
 
 def other_files():
-    views, _ = modules()
+    views = module()
     for _ in range(2):
         bpy.ops.wm.open_mainfile(filepath=str(SCENE))
         yield 1.0
@@ -263,7 +263,7 @@ def steps():
     yield 1.0
     bpy.ops.wm.open_mainfile(filepath=str(SCENE))
     yield 1.0
-    views, _ = modules()
+    views = module()
     result["handles_before"] = len(views._handles)
     (area,) = areas()
     flat_view(area, "SOLID")

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Follows a picture's rays through all glasses, up to the things that they meet at last.
+
+Where no thing reaches among the glasses, what rays do in these does not depend on things: it is
+found without looking for any, and kept for the next frame while eye and glasses stay. Each ray's
+ways are the same to the bit whether they were kept or not, and whichever rays go with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ... import optics
+from ..memory import counters
+from ..read.viewpoint import Viewpoint
+from .caster import Caster
+from .hits import Ways
+from .meshes import GlassMeshes
+
+Band = tuple[tuple[float, float, float], list[optics.Placed]]
+"""What light of a band brings to the colours, and the glasses as it finds them."""
+
+CONTACT = 1e-5
+"""Of the glasses' size: what reaches no deeper among them only touches them."""
+MOST_KEPT = 1_000_000
+"""Ways that are kept for the next frame, 0.12 kilobytes each."""
+
+
+@dataclass
+class Kept:
+    """What was followed without looking for things, by the places of its rays in a pixel.
+
+    Attributes
+    ----------
+    stamp : of eye and glasses.
+    parts : places -> pixels (N,), rising, and the ways of their rays, pixel by pixel; light lost.
+    """
+
+    stamp: tuple = ()
+    parts: dict[bytes, tuple[np.ndarray, Ways, np.ndarray]] = field(default_factory=dict)
+
+    def match(self, stamp: tuple) -> None:
+        """Forget what was found for another eye or other glasses."""
+        if stamp != self.stamp:
+            self.stamp = stamp
+            self.parts.clear()
+
+    @property
+    def ways(self) -> int:
+        """How many ways are kept."""
+        return sum(len(ways) for _, ways, _ in self.parts.values())
+
+
+@dataclass
+class Follower:
+    """Follows rays of one frame.
+
+    Attributes
+    ----------
+    view : the camera. bands : glasses in light of each band.
+    caster : of things. boxes : (B, 2, 3) round these. hull : (2, 3) a box round all glasses.
+    meshes : the glasses that are meshes.
+    min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
+    """
+
+    view: Viewpoint
+    bands: Sequence[Band]
+    caster: Caster
+    meshes: GlassMeshes
+    boxes: np.ndarray
+    hull: np.ndarray
+    min_weight: float
+    fresnel: bool
+    kept: Kept
+
+    def __post_init__(self) -> None:
+        low, high = self.hull
+        self._skin = CONTACT * float(np.linalg.norm(high - low))
+        inside = (self.boxes[:, 0] < high - self._skin) & (self.boxes[:, 1] > low + self._skin)
+        self._apart = not inside.all(axis=1).any()
+
+    def ways(self, pixels: np.ndarray, places: np.ndarray) -> tuple[Ways, np.ndarray]:
+        """Ways of rays through places (P, 2) of each pixel (N,), numbers rising, from its centre.
+
+        Rays are numbered pixel by pixel. Those that meet no glass first have no way.
+
+        Returns
+        -------
+        ways : of all rays.
+        lost : (N · P,) the part of each ray's light that was not followed.
+        """
+        if not self._apart:
+            return self._traced(pixels, places, things=True)
+        ways, lost = self._kept(pixels, places)
+        return self._ended(ways, pixels, places), lost
+
+    def _rays(self, pixels: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        width = self.view.size[0]
+        pixel = np.repeat(pixels, len(places))
+        offset = np.tile(places, (len(pixels), 1))
+        x = pixel % width + 0.5 + offset[:, 0]
+        y = pixel // width + 0.5 + offset[:, 1]
+        origins, directions = self.view.rays(x, y)
+        return np.array(origins), np.array(directions)
+
+    def _traced(
+        self, pixels: np.ndarray, places: np.ndarray, *, things: bool
+    ) -> tuple[Ways, np.ndarray]:
+        origins, directions = self._rays(pixels, places)
+        counters["exit_rays"] += len(origins)
+        parts, lost = [], np.zeros(len(origins))
+        for number, (colour, placed) in enumerate(self.bands):
+            ends = optics.exit_rays(
+                placed,
+                origins,
+                directions,
+                min_weight=self.min_weight,
+                cast=self.caster.cast if things else None,
+                things=self.boxes if things else None,
+                meet=self.meshes.meet if self.meshes else None,
+                fresnel=self.fresnel,
+                pixel=np.repeat(pixels, len(places)),
+                sample=np.tile(np.arange(len(places)), len(pixels)),
+            )
+            share = float(np.mean(colour))
+            met = np.flatnonzero(ends.events > 0)
+            weight = ends.weight[met]
+            lost += ends.lost * share
+            parts.append(
+                Ways(
+                    ends.ray[met],
+                    ends.path[met] ^ np.int64(number),
+                    weight * share,
+                    weight[:, None] * np.exp(-ends.depth[met]) * colour,
+                    ends.origin[met],
+                    ends.direction[met],
+                    ends.distance[met],
+                    ends.thing[met],
+                )
+            )
+        return Ways.joined(parts), lost
+
+    def _kept(self, pixels: np.ndarray, places: np.ndarray) -> tuple[Ways, np.ndarray]:
+        """Ways without things, of which those that are not known are followed."""
+        count, key = len(places), places.tobytes()
+        known, ways, lost = self.kept.parts.get(key, (np.zeros(0, np.intp), None, np.zeros(0)))
+        new = np.setdiff1d(pixels, known, assume_unique=True)
+        if ways is None or len(new):
+            more, more_lost = self._traced(new, places, things=False)
+            known, ways, lost = _merged(known, ways, lost, new, more, more_lost, count)
+            if self.kept.ways + len(ways) <= MOST_KEPT:
+                self.kept.parts[key] = known, ways, lost
+        if len(known) == len(pixels):
+            return ways, lost
+        chosen = np.searchsorted(known, pixels)
+        number = np.full(len(known), -1, np.intp)
+        number[chosen] = np.arange(len(pixels))
+        pixel, ray = np.divmod(ways.ray, count)
+        rows = np.flatnonzero(number[pixel] >= 0)
+        some = ways.take(rows)
+        some.ray[:] = number[pixel[rows]] * count + ray[rows]
+        return some, lost.reshape(-1, count)[chosen].ravel()
+
+    def _ended(self, ways: Ways, pixels: np.ndarray, places: np.ndarray) -> Ways:
+        """The ways up to the things that they meet, those of rays left out that meet one before."""
+        if not len(ways):
+            return ways
+        rays = np.unique(ways.ray)
+        origins, directions = self._rays(pixels, places)
+        seen, _ = self.caster.cast(origins[rays], _unit(directions[rays]))
+        hidden = np.zeros(len(origins), bool)
+        hidden[rays] = seen < self._entry(origins[rays], _unit(directions[rays]))
+        ways = ways.take(np.flatnonzero(~hidden[ways.ray]))
+        # From a little before: a thing that touches the glass there is seen through a film of air.
+        begin = ways.origin - self._skin * ways.direction
+        distance, triangle = self.caster.cast(begin, ways.direction)
+        distance = np.maximum(distance - self._skin, 0.0)
+        return Ways(
+            ways.ray,
+            ways.path,
+            ways.weight,
+            ways.colour,
+            ways.origin,
+            ways.direction,
+            distance,
+            triangle,
+        )
+
+    def _entry(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Metres (M,) at which rays come into the box round all glasses; 0 from within."""
+        along = np.where(np.abs(directions) < 1e-300, 1e-300, directions)
+        low, high = self.hull
+        begin = (low + self._skin - origins) / along
+        end = (high - self._skin - origins) / along
+        return np.maximum(np.minimum(begin, end).max(axis=1), 0.0)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _merged(known, ways, lost, new, more, more_lost, count: int):
+    """Two sets of pixels and the ways of their rays as one, pixel by pixel."""
+    if ways is None:
+        return new, more, more_lost
+    pixels = np.concatenate((known, new))
+    order = np.argsort(pixels, kind="stable")
+    place = np.empty(len(order), np.intp)
+    place[order] = np.arange(len(order))
+    joined = Ways.joined([ways, more])
+    start = np.concatenate((np.zeros(len(ways), np.intp), np.full(len(more), len(known))))
+    pixel, ray = np.divmod(joined.ray, count)
+    joined.ray[:] = place[pixel + start] * count + ray
+    # Rows of one ray stay side by side, in their order.
+    joined = joined.take(np.argsort(joined.ray, kind="stable"))
+    both = np.concatenate((lost.reshape(-1, count), more_lost.reshape(-1, count)))
+    return pixels[order], joined, both[order].ravel()

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a view does not show and rays from a glass may meet: the scene all round it, captured.
+
+A capture is a cube: six square pictures, seen from a place in the glass, each with the distances of
+what it shows. The view's own engine draws them off-screen, from a timer and never while a view is
+drawn, one face at a time: that holds Blender up for as long as such a small picture takes. They
+are drawn again when the scene changes, and stay as they are when only the eye moves.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from itertools import product
+
+import bpy
+import gpu
+import numpy as np
+from mathutils import Matrix
+
+from .description import Frame, Posed
+from .eye import CAPTURES
+from .paint import _quad, _shader
+
+FACES = 6
+SIDES = {"SOLID": 256, "MATERIAL": 128, "RENDERED": 128}
+"""Pixels a side of a face, by the view's shading. One size each: engines compile for it."""
+NEAR = 0.02
+"""Of the glass's reach: what is nearer to the capture's centre is not drawn."""
+FAR = 100.0
+"""Least distance drawn, in reaches of the glass."""
+PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Parts of a glass's box at which a capture's centre may lie."""
+MIDDLE = 0.5
+"""How much nearer to a thing a centre may lie for being nearer to the middle."""
+
+LEAST_HALF = 1e-6
+"""Metres: flat things have a box too."""
+
+_drawing = False
+
+
+def is_drawing() -> bool:
+    """Whether a capture is being drawn: draw handlers are called for it too."""
+    return _drawing
+
+
+class Captures:
+    """The captures of a view's glasses, side by side in one texture."""
+
+    def __init__(self) -> None:
+        self.centres: list[np.ndarray] = []
+        self.side = 0
+        self.version = 0
+        self.seconds = 0.0
+        self._stale: set[tuple[int, int]] = set()
+        self._drawn: set[tuple[int, int]] = set()
+        self._atlas = None
+        self._face = None
+        self._key: tuple = ()
+
+    @property
+    def textures(self) -> tuple:
+        """Colours and depths of all faces, once they were arranged."""
+        return self._atlas[:2]
+
+    def _make_atlas(self, width: int, height: int) -> None:
+        colour = gpu.types.GPUTexture((width, height), format="RGBA16F")
+        depth = gpu.types.GPUTexture((width, height), format="R32F")
+        target = gpu.types.GPUFrameBuffer(color_slots=[colour, depth])
+        self._atlas = (colour, depth, target)
+
+    @property
+    def left(self) -> int:
+        """Faces that are still to be drawn."""
+        return len(self._stale)
+
+    @property
+    def total(self) -> int:
+        return FACES * len(self.centres)
+
+    def listed(self) -> list[tuple[np.ndarray, int]]:
+        """Centre and side of each, for `eye.pack_view`; side 0 until all its faces are drawn."""
+        return [
+            (centre, self.side if all((k, f) in self._drawn for f in range(FACES)) else 0)
+            for k, centre in enumerate(self.centres)
+        ]
+
+    def arrange(self, glasses: list[Posed], shading: tuple, boxes: list[Box]) -> None:
+        """See that every glass has a capture; what has changed is drawn anew later."""
+        side = SIDES.get(shading[0], SIDES["SOLID"])
+        glasses = glasses[:CAPTURES]
+        key = (side, len(glasses))
+        if key != self._key:
+            self._key, self.side = key, side
+            self._drawn.clear()
+            self._face = None
+            # As large as it will be: drivers compile shaders anew for textures of another kind.
+            self._make_atlas(FACES * side, max(1, len(glasses)) * side)
+        self.centres = [centre_of(glass, boxes) for glass in glasses]
+
+    def outdate(self) -> None:
+        """The scene or its looks changed."""
+        self._stale = set(product(range(len(self.centres)), range(FACES)))
+
+    def draw(
+        self,
+        frame: Frame,
+        glasses: list[Posed],
+        view_3d: tuple,
+        turned: np.ndarray | None = None,
+    ) -> None:
+        """Draw the next face. From a timer only.
+
+        Parameters
+        ----------
+        view_3d : scene, view layer, space and region that it is drawn as.
+        turned : (3, 3) from the world to the camera that brings its light, if one does.
+        """
+        global _drawing
+        number, face = min(self._stale)
+        self._stale.discard((number, face))
+        side, centre = self.side, self.centres[number]
+        if self._face is None:
+            self._face = gpu.types.GPUOffScreen(side, side, format="RGBA16F")
+        scene, layer, space, region = view_3d
+        reach = glasses[number].reach()
+        near, far = NEAR * reach, max(FAR * reach, space.clip_end)
+        began = time.perf_counter()
+        # The light of Solid shading comes with the camera. So the camera stands as the view's, and
+        # only its projection is turned: things are lit as they are beside the glass.
+        turn = np.eye(4)
+        if turned is not None:
+            turn[:3, :3] = turned
+        stand = np.eye(4)
+        stand[:3, 3] = -centre
+        away = face_view(face, np.zeros(3)) @ turn.T
+        overlays = space.overlay.show_overlays
+        _drawing = True
+        try:
+            if overlays:
+                space.overlay.show_overlays = False
+            self._face.draw_view3d(
+                scene,
+                layer,
+                space,
+                region,
+                Matrix(turn @ stand),
+                Matrix(face_projection(near, far) @ away),
+                do_color_management=False,
+                draw_background=False,
+            )
+        finally:
+            if overlays:
+                space.overlay.show_overlays = True
+            _drawing = False
+        depth = gpu.types.Buffer("FLOAT", (side, side))
+        with self._face.bind():
+            gpu.state.active_framebuffer_get().read_depth(0, 0, side, side, data=depth)
+        self._keep(number, face, depth, near / frame.unit, far / frame.unit)
+        self.seconds = time.perf_counter() - began
+        self._drawn.add((number, face))
+        self.version += 1
+
+    def _keep(self, number: int, face: int, depth, near: float, far: float) -> None:
+        side = self.side
+        shader = _shader("face")
+        texture = gpu.types.GPUTexture((side, side), format="R32F", data=depth)
+        width, height = FACES * side, len(self.centres) * side
+        x, y = face * side, number * side
+        low = 2.0 * x / width - 1.0, 2.0 * y / height - 1.0
+        high = 2.0 * (x + side) / width - 1.0, 2.0 * (y + side) / height - 1.0
+        with self._atlas[2].bind():
+            gpu.state.viewport_set(0, 0, width, height)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("face_tx", self._face.texture_color)
+            shader.uniform_sampler("depth_tx", texture)
+            shader.uniform_float("range", (near, far))
+            shader.uniform_int("origin", (x, y))
+            shader.uniform_float("box", (*low, *high))
+            _quad().draw(shader)
+
+
+def axes(face: int) -> np.ndarray:
+    """(3, 3) rows: right, up and forward of a face's picture; the shader's ``face_of`` agrees."""
+    axis, turn = face // 2, 1.0 - 2.0 * (face % 2)
+    unit = np.eye(3)
+    return np.stack((unit[(axis + 1) % 3], -turn * unit[(axis + 2) % 3], turn * unit[axis]))
+
+
+def face_view(face: int, centre: np.ndarray) -> np.ndarray:
+    """(4, 4): world to the camera of a face."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes(face) * ((1.0,), (1.0,), (-1.0,))
+    matrix[:3, 3] = -matrix[:3, :3] @ centre
+    return matrix
+
+
+def face_projection(near: float, far: float) -> np.ndarray:
+    """(4, 4): a square picture of 90 degrees."""
+    matrix = np.zeros((4, 4))
+    matrix[0, 0] = matrix[1, 1] = 1.0
+    matrix[2, 2], matrix[2, 3] = (near + far) / (near - far), 2.0 * near * far / (near - far)
+    matrix[3, 2] = -1.0
+    return matrix
+
+
+def centre_of(glass: Posed, boxes: list[Box]) -> np.ndarray:
+    """(3,) the place in a glass that is far from all things, and near the middle where it may."""
+    low, high = glass.body.box
+    parts = np.array(list(product(PLACES, repeat=3)))
+    places = (low + (high - low) * parts) @ glass.to_world[:3, :3].T + glass.to_world[:3, 3]
+    room = np.full(len(places), glass.reach())
+    for box in boxes:
+        room = np.minimum(room, box.distance(places))
+    away = np.linalg.norm(places - glass.middle(), axis=1)
+    return places[int(np.argmax(room - MIDDLE * away))]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A thing's bounding box. to_box: (4, 4) world to its frame, metres there. half: (3,) sizes."""
+
+    to_box: np.ndarray
+    half: np.ndarray
+
+    def distance(self, places: np.ndarray) -> np.ndarray:
+        """Metres (N,) from world places (N, 3) to the box; below 0 inside."""
+        local = np.abs(places @ self.to_box[:3, :3].T + self.to_box[:3, 3]) - self.half
+        outside = np.linalg.norm(np.maximum(local, 0.0), axis=1)
+        return outside + np.minimum(local.max(axis=1), 0.0)
+
+    def unit(self) -> np.ndarray:
+        """(4, 4): from the world to a frame in which the box runs from -1 to 1."""
+        half = np.maximum(self.half, LEAST_HALF)
+        return np.diag([*(1.0 / half), 1.0]) @ self.to_box
+
+    def corners(self) -> np.ndarray:
+        """(8, 3) in the world."""
+        local = np.array(list(product((-1.0, 1.0), repeat=3))) * self.half
+        return np.linalg.solve(self.to_box[:3, :3], (local - self.to_box[:3, 3]).T).T
+
+
+def boxes_of(objects: list[bpy.types.Object], depsgraph) -> list[Box]:
+    """The bounding boxes of objects as they are evaluated."""
+    found = []
+    for obj in objects:
+        evaluated = obj.evaluated_get(depsgraph)
+        corners = np.array(evaluated.bound_box, float)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        matrix = np.array(evaluated.matrix_world, float)
+        size = np.linalg.norm(matrix[:3, :3], axis=0)
+        if not (np.isfinite(matrix).all() and np.linalg.det(matrix[:3, :3])):
+            continue
+        to_box = np.diag([*size, 1.0]) @ np.linalg.inv(matrix)
+        to_box[:3, 3] -= size * 0.5 * (low + high)
+        found.append(Box(to_box, 0.5 * size * (high - low)))
+    return found

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The live view's shader follows rays as ``optics.follow_rays`` does, 100,000 of each shape."""
+
+import pytest
+
+SHAPES = (
+    "slab",
+    "star",
+    "tank",
+    "cylinder",
+    "filled",
+    "rod",
+    "sphere",
+    "bowl",
+    "tumbler",
+    "empty",
+    "revolution",
+    "lens",
+)
+
+
+@pytest.fixture(scope="module")
+def found(installed):
+    installed.script("no_splash")
+    return installed.script("exit_rays", how="gui", seconds=1800)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_exit_rays_are_those_of_optics(found, shape):
+    result = found[shape]
+    assert result["rays"] > 40_000
+    assert result["ways"] > 100_000
+    assert result["median"] < 1e-6
+    # But for ways that end where another begins, and those that go on until rounding shows.
+    assert result["off_short"] < 2e-3
+    assert result["light_off"] < 1e-2
+    assert result["weight_off"] < 1e-3
+    assert result["shift_off"] < 1e-3
+    assert result["ways_of_shader"] <= 1.01 * result["ways"]
