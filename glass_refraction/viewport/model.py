@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..scene.names import RefractiveGlassError
-from ..scene.read.glasses import as_body, glass_objects, read_glass
+from ..scene.read.glasses import as_body, glass_objects, is_mesh_glass, read_glass
 from ..scene.read.sources import source_objects
 from ..scene.read.viewpoint import Viewpoint
 from .capture import Box, boxes_of
@@ -55,7 +55,7 @@ class Model:
         self.boxes = boxes_of(things, depsgraph)
         found = []
         for obj in glass_objects(layer):
-            if not visible(obj):
+            if not visible(obj) or is_mesh_glass(obj):
                 continue
             try:
                 glass = as_body(read_glass(obj, depsgraph))
