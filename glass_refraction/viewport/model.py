@@ -75,6 +75,13 @@ class Model:
         self.block = None
         self.frame = common_frame(self.glasses) if self.glasses else None
 
+    def scene_reach(self) -> float:
+        """Metres from the frame's origin within which all things are."""
+        if not self.boxes:
+            return 0.0
+        corners = np.concatenate([box.corners() for box in self.boxes])
+        return float(np.linalg.norm(corners - self.frame.origin, axis=1).max())
+
     def look_from(self, view: Viewpoint) -> None:
         """Tell in which media the eye is, and write the block if that changed."""
         within, outer = (-1, 0), []

@@ -18,7 +18,7 @@ import numpy as np
 from ..scene.viewpoint import Viewpoint
 from . import glsl
 from .description import Frame, Posed
-from .eye import depth_line, depths, pack_view
+from .eye import common_line, depth_begin, depths, pack_view
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -41,19 +41,22 @@ class Direct:
 
     Attributes
     ----------
-    colour, depth, tiles : textures. has_depth : EEVEE writes none while overlays are off.
+    colour, tiles : textures. raw, depth : of the depth buffer's values, and of what they mean in
+        units of the common frame, see `glsl.DEPTH`; line : the numbers (a, b, c, d) between both.
+    has_depth : EEVEE writes none while overlays are off.
     stamp : a part of the pixels, to tell whether anything changed.
     """
 
     def __init__(self) -> None:
         self.size = (0, 0)
-        self.colour = self.depth = self.tiles = None
+        self.colour = self.raw = self.depth = self.tiles = None
+        self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
         self.stamp: np.ndarray | None = None
         self._buffers: tuple = ()
         self._target = None
 
-    def read(self, framebuffer, view: Viewpoint, unit: float) -> bool:
+    def read(self, framebuffer, view: Viewpoint, frame: Frame) -> bool:
         """Take the view's picture over; whether it differs from the last one."""
         width, height = view.size
         if self.size != view.size:
@@ -66,9 +69,11 @@ class Direct:
         framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT", data=colour)
         framebuffer.read_depth(0, 0, width, height, data=depth)
         self.colour = gpu.types.GPUTexture(view.size, format="RGBA16F", data=colour)
-        self._linear(view, unit, gpu.types.GPUTexture(view.size, format="R32F", data=depth))
+        self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
+        self.line = common_line(view, frame)
+        self._linear(view)
         values = np.asarray(depth)
-        tiles = _tiles(values, view, unit)
+        tiles = _tiles(values, self.line)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
         rows, columns, _ = tiles.shape
         self.tiles = gpu.types.GPUTexture(
@@ -79,26 +84,25 @@ class Direct:
         self.stamp = stamp
         return not same
 
-    def _linear(self, view: Viewpoint, unit: float, raw) -> None:
+    def _linear(self, view: Viewpoint) -> None:
         """Fill the texture of depths along the view from the depth buffer's values."""
         if self.depth is None or (self.depth.width, self.depth.height) != view.size:
             self.depth = gpu.types.GPUTexture(view.size, format="R32F")
             self._target = gpu.types.GPUFrameBuffer(color_slots=[self.depth])
         shader = _shader("depth")
-        a, b, c, d = depth_line(view)
         with self._target.bind():
             gpu.state.viewport_set(0, 0, *view.size)
             gpu.state.depth_test_set("NONE")
             gpu.state.blend_set("NONE")
             shader.bind()
-            shader.uniform_sampler("raw_tx", raw)
-            shader.uniform_float("line", (a, b, c * unit, d * unit))
+            shader.uniform_sampler("raw_tx", self.raw)
+            shader.uniform_float("line", self.line)
             shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
             _quad().draw(shader)
 
 
-def _tiles(values: np.ndarray, view: Viewpoint, unit: float) -> np.ndarray:
-    """(rows, columns, 2) float32: nearest and farthest depth of tiles, in units of the frame."""
+def _tiles(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
+    """(rows, columns, 2) float32: nearest and farthest depth of tiles, see `eye.common_line`."""
     height, width = values.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
     found = np.empty((rows, columns, 2), np.float32)
@@ -107,7 +111,7 @@ def _tiles(values: np.ndarray, view: Viewpoint, unit: float) -> np.ndarray:
         by_row = best.reduceat(values, np.arange(rows) * TILE, axis=0)
         by_tile = best.reduceat(by_row, starts, axis=1)
         far = by_tile >= 1.0
-        found[..., axis] = np.where(far, _FAR, depths(view, np.where(far, 0.0, by_tile)) / unit)
+        found[..., axis] = np.where(far, _FAR, depths(line, np.where(far, 0.0, by_tile)))
     return found
 
 
@@ -149,6 +153,7 @@ class Painter:
         self._view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
+        self._depths = self._lines_at = (0.0, 0.0)
         self._strips: list[tuple[float, float, float, float]] = []
 
     def describe(
@@ -159,12 +164,17 @@ class Painter:
         glasses: list[Posed],
         within: tuple[int, int],
         captures: list[tuple[np.ndarray, int]],
+        scene_reach: float,
     ) -> None:
         """Hand the glasses' block (see :mod:`description`) and the view to the shader."""
         if self._block[0] is not block:
             self._block = (block, _uniform(block))
-        self._view_block = _uniform(pack_view(view, frame, within, captures))
+        self._view_block = _uniform(pack_view(view, frame, within, captures, scene_reach))
         self._view = view
+        middles = np.array([glass.middle() for glass in glasses])
+        ahead = view.clip(middles)[:, 3] / frame.unit - depth_begin(view, frame)
+        reaches = np.array([glass.reach() for glass in glasses]) / frame.unit
+        self._depths = float((ahead - reaches).min()), float((ahead + reaches).max())
         self._rects = merged([screen_rect(glass, view) for glass in glasses])
 
     @property
@@ -286,7 +296,9 @@ class Painter:
             self._drawn.target.read_color(0, 0, 1, 1, 4, 0, "FLOAT")
         return time.perf_counter() - began
 
-    def show(self, framebuffer, backdrop: tuple[float, float, float, float]) -> None:
+    def show(
+        self, framebuffer, backdrop: tuple[float, float, float, float], lines: bool = True
+    ) -> None:
         """Put the picture into the view.
 
         Parameters
@@ -294,7 +306,9 @@ class Painter:
         framebuffer : the view's own: scene colours and depth. The bound one is the overlay's.
         backdrop : what the view shows where nothing is, linear; it lies in the overlay, is added to
             the scene and so has no alpha.
+        lines : leave the lines in the overlay that the glasses' meshes are drawn by.
         """
+        self._lines_at = (0.0, 0.0) if lines or not self.direct.has_depth else self._depths
         with framebuffer.bind():
             self._result(0, backdrop)
             self._result(1, backdrop)
@@ -316,6 +330,10 @@ class Painter:
         shader.uniform_sampler("more_cover_tx", other.cover)
         shader.uniform_int("more", int(other is not one))
         shader.uniform_sampler("direct_tx", self.direct.colour)
+        shader.uniform_sampler("raw_tx", self.direct.raw)
+        shader.uniform_sampler("depth_tx", self.direct.depth)
+        shader.uniform_float("line", self.direct.line)
+        shader.uniform_float("lines_at", self._lines_at)
         shader.uniform_int("part", part)
         shader.uniform_float("backdrop", backdrop)
         shader.uniform_float("divisor", float(self.divisor))
@@ -455,10 +473,20 @@ DESCRIPTIONS = {
             ("VEC4", "box"),
             ("VEC4", "backdrop"),
             ("INT", "part"),
+            ("VEC4", "line"),
+            ("VEC2", "lines_at"),
             ("INT", "more"),
             ("FLOAT", "divisor"),
         ],
-        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx", "direct_tx"],
+        "samplers": [
+            "color_tx",
+            "cover_tx",
+            "more_color_tx",
+            "more_cover_tx",
+            "direct_tx",
+            "raw_tx",
+            "depth_tx",
+        ],
         "outputs": ["frag"],
         "fragment": glsl.RESULT,
     },

@@ -19,7 +19,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..scene.changes import generation
-from ..scene.glasses import glass_modifier
+from ..scene.glasses import glass_modifier, glass_objects
 from ..scene.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
 from .model import Model
@@ -263,7 +263,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.eye = eye
     python += time.perf_counter()
     view.waits = False
-    changed = painter.direct.read(view.framebuffer, eye, model.frame.unit)
+    changed = painter.direct.read(view.framebuffer, eye, model.frame)
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.perf_counter()
@@ -284,7 +284,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         # Else the engine only refines what it shows: what is there stays until better is done.
         view.stage = MOVING
         _ask_for_rest()
-    painter.show(view.framebuffer, _backdrop(context))
+    selected = any(obj.select_get(view_layer=layer) for obj in glass_objects(layer))
+    painter.show(view.framebuffer, _backdrop(context), lines=selected)
     python += time.perf_counter() - view.gpu_seconds
     view.python_ms = 1e3 * python
     counters["milliseconds"] += view.python_ms
@@ -294,7 +295,13 @@ def _describe(view: _View, eye) -> None:
     model = view.model
     model.look_from(eye)
     view.painter.describe(
-        model.block, eye, model.frame, model.glasses, model.within, view.captures.listed()
+        model.block,
+        eye,
+        model.frame,
+        model.glasses,
+        model.within,
+        view.captures.listed(),
+        model.scene_reach(),
     )
 
 
@@ -397,8 +404,12 @@ def _unmarked(layer: bpy.types.ViewLayer, wanted: bool) -> list[str]:
     return problems
 
 
-def _mark_shown() -> None:
+def _mark_shown() -> float | None:
+    """Timer; data stay as they are while a render runs."""
+    if bpy.app.is_job_running("RENDER"):
+        return PLAYING_SECONDS
     mark_glasses()
+    return None
 
 
 def _backdrop(context: bpy.types.Context) -> tuple[float, float, float, float]:
