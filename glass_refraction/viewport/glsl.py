@@ -1177,6 +1177,10 @@ void main()
     color = sum / got;
     cover.r = 1.0;
   }
+  else if (way < NOWHERE && splits == 0) {
+    /* What only refracts is black where it would reflect totally. */
+    color.a = cover.r = 1.0;
+  }
 }
 """
 
