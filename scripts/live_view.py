@@ -4,9 +4,9 @@
     blender --factory-startup --python scripts/live_view.py -- FOLDER SHADING SCENE.blend...
 
 For each scene, in its camera's view: times of redraws with and without the picture (nothing moves,
-the eye moves, an object moves), Python's part of them, from switching on and from the last motion to
-the final picture, and how long a piece of work holds Blender up. Prints a line a scene and writes
-FOLDER/live_view.json and screenshots (ImageMagick's ``import``). Quits Blender when it is done.
+the eye moves, an object moves), Python's part of them, from switching on and from the last motion
+to the final picture, and how long a piece of work holds Blender up. Prints a line a scene and
+writes FOLDER/live_view.json and screenshots (ImageMagick's ``import``). Quits Blender at the end.
 """
 
 from __future__ import annotations

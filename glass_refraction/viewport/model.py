@@ -114,6 +114,8 @@ class Model:
 
 def _reaches_in(box: Box, glass: Posed) -> bool:
     """Whether a thing's box may reach into a glass."""
+    if not box.is_near(glass.middle(), glass.reach()):
+        return False
     low, high = glass.body.box
     skin = WITHIN * (high - low)
     local = (box.corners() - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]

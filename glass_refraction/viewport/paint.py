@@ -44,7 +44,8 @@ class Direct:
     colour, tiles : textures. raw, depth : of the depth buffer's values, and of what they mean in
         units of the common frame, see `glsl.DEPTH`; line : the numbers (a, b, c, d) between both.
     has_depth : EEVEE writes none while overlays are off.
-    stamp : a part of the pixels, to tell whether anything changed.
+    stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
+        reading, what was Python's and NumPy's part.
     """
 
     def __init__(self) -> None:
@@ -53,6 +54,7 @@ class Direct:
         self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
         self.stamp: np.ndarray | None = None
+        self.python_seconds = 0.0
         self._buffers: tuple = ()
         self._target = None
 
@@ -72,6 +74,7 @@ class Direct:
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
         self._linear(view)
+        began = time.perf_counter()
         values = np.asarray(depth)
         tiles = _tiles(values, self.line)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
@@ -82,6 +85,7 @@ class Direct:
         stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
+        self.python_seconds = time.perf_counter() - began
         return not same
 
     def _linear(self, view: Viewpoint) -> None:

@@ -250,10 +250,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         view.problems = model.problems + _unmarked(layer, True)
         if model.glasses:
             captures.arrange(model.glasses, looks, model.boxes)
-            captures.outdate()
     elif view.stamp[1:2] != (looks,) and model.glasses:
         captures.arrange(model.glasses, looks, model.boxes)
-        captures.outdate()
     if not model.glasses:
         return
     turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
@@ -286,7 +284,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         _ask_for_rest()
     selected = any(obj.select_get(view_layer=layer) for obj in glass_objects(layer))
     painter.show(view.framebuffer, _backdrop(context), lines=selected)
-    python += time.perf_counter() - view.gpu_seconds
+    python += time.perf_counter() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
     counters["milliseconds"] += view.python_ms
 
