@@ -1157,6 +1157,7 @@ void main()
   /* Whether there is any glass, and how many samples the pixel has. */
   cover = vec4(0.0, 1.0, 0.0, 0.0);
   if (off > view.start.x) {
+    cover *= band.a;
     return;
   }
   if (only_edges != 0 && !is_edge(ivec2(gl_FragCoord.xy))) {
@@ -1181,6 +1182,8 @@ void main()
     /* What only refracts is black where it would reflect totally. */
     color.a = cover.r = 1.0;
   }
+  color *= band;
+  cover *= band.a;
 }
 """
 

@@ -153,7 +153,7 @@ class Painter:
         self._layers = [_Layer() for _ in range(LAYERS)]
         self._used: list[_Layer] = []
         self._drawn = self._layers[0]
-        self._block: tuple = (None, None)
+        self._blocks: list[tuple] = []
         self._view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
@@ -162,7 +162,7 @@ class Painter:
 
     def describe(
         self,
-        block: np.ndarray,
+        blocks: list[np.ndarray],
         view: Viewpoint,
         frame: Frame,
         glasses: list[Posed],
@@ -170,9 +170,17 @@ class Painter:
         captures: list[tuple[np.ndarray, int]],
         scene_reach: float,
     ) -> None:
-        """Hand the glasses' block (see :mod:`description`) and the view to the shader."""
-        if self._block[0] is not block:
-            self._block = (block, _uniform(block))
+        """Hand the glasses' block (see :mod:`description`) and the view to the shader.
+
+        Parameters
+        ----------
+        blocks : one, and if a glass disperses one each for red, green and blue light.
+        """
+        same = len(blocks) == len(self._blocks) and all(
+            known[0] is block for known, block in zip(self._blocks, blocks, strict=True)
+        )
+        if not same:
+            self._blocks = [(block, _uniform(block)) for block in blocks]
         self._view_block = _uniform(pack_view(view, frame, within, captures, scene_reach))
         self._view = view
         middles = np.array([glass.middle() for glass in glasses])
@@ -224,6 +232,7 @@ class Painter:
         captures: tuple,
         pixels: int | None = None,
         edges_of: int | None = None,
+        disperses: bool = False,
     ) -> int:
         """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
 
@@ -231,6 +240,7 @@ class Painter:
         ----------
         captures : the textures of all captures, see `capture.Captures.textures`.
         edges_of : number of the layer of which only the edges get a sample.
+        disperses : follow red, green and blue light each on its own, if that differs.
         pixels : about how many to draw now; the next call goes on. None: all.
 
         Returns
@@ -252,7 +262,6 @@ class Painter:
             gpu.state.depth_mask_set(False)
             gpu.state.blend_set("ADDITIVE_PREMULT")
             shader.bind()
-            shader.uniform_block("glasses", self._block[1])
             shader.uniform_block("view", self._view_block)
             shader.uniform_sampler("direct_tx", self.direct.colour)
             shader.uniform_sampler("depth_tx", self.direct.depth)
@@ -267,13 +276,24 @@ class Painter:
             shader.uniform_int("most", way.most)
             shader.uniform_int("splits", int(way.splits))
             shader.uniform_int("has_depth", int(self.direct.has_depth))
-            for rect in strips:
-                shader.uniform_float("box", rect)
-                _quad().draw(shader)
+            for uniform, band in self._passes(disperses):
+                shader.uniform_block("glasses", uniform)
+                shader.uniform_float("band", band)
+                for rect in strips:
+                    shader.uniform_float("box", rect)
+                    _quad().draw(shader)
             gpu.state.blend_set("NONE")
         if not self._strips:
             layer.samples += 1
         return int(sum(self._area(rect) for rect in strips))
+
+    def _passes(self, disperses: bool) -> list[tuple]:
+        """Glasses' blocks, and which colours and which part of a sample is drawn with each."""
+        if not disperses or len(self._blocks) == 1:
+            return [(self._blocks[0][1], (1.0, 1.0, 1.0, 1.0))]
+        uniforms = [uniform for _, uniform in self._blocks[1:]]
+        share = 1.0 / len(uniforms)
+        return [(u, (*row, share)) for u, row in zip(uniforms, np.eye(3).tolist(), strict=True)]
 
     def _area(self, rect) -> float:
         """Samples of a rectangle."""
@@ -459,6 +479,7 @@ DESCRIPTIONS = {
     "picture": {
         "constants": [
             ("VEC4", "jitter"),
+            ("VEC4", "band"),
             ("VEC4", "box"),
             ("FLOAT", "least"),
             ("INT", "most"),

@@ -293,7 +293,7 @@ def _describe(view: _View, eye) -> None:
     model = view.model
     model.look_from(eye)
     view.painter.describe(
-        model.block,
+        [model.block, *model.bands],
         eye,
         model.frame,
         model.glasses,
@@ -323,7 +323,9 @@ def _sample(
     jitter = _jitter(number) if number else (0.0, 0.0)
     pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
     began = time.perf_counter()
-    drawn = painter.sample(jitter, way, view.captures.textures, pixels, edges_of)
+    drawn = painter.sample(
+        jitter, way, view.captures.textures, pixels, edges_of, disperses=seconds is not None
+    )
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
     view.gpu_seconds += spent
