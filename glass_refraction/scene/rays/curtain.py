@@ -29,8 +29,9 @@ def curtain(view: RadianceView, pixels: np.ndarray) -> tuple[np.ndarray, np.ndar
     width, height = view.size
     columns, rows = -(-width // BLOCK_PX), -(-height // BLOCK_PX)
     used = np.zeros((rows, columns), bool)
-    for dx in (-REACH_PX, REACH_PX):
-        for dy in (-REACH_PX, REACH_PX):
+    # A block is narrower than what is reached on both sides: the middle counts by itself.
+    for dx in (-REACH_PX, 0, REACH_PX):
+        for dy in (-REACH_PX, 0, REACH_PX):
             x, y = ((pixels + np.array((dx, dy))) // BLOCK_PX).astype(int).T
             used[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)] = True
     corners = []

@@ -24,15 +24,18 @@ MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
 ENOUGH = 0.25
 """Part of a ray's light that must have been followed to stand for all of it."""
-FILTER_SIGMA = {"CYCLES": 0.142, "BLENDER_EEVEE": 0.284, "BLENDER_WORKBENCH": 0.35}
-"""Of the engines' pixel filters (Blackman and Harris's window as a Gauss bell): standard deviation
-over the filter's width in Cycles, over its radius in EEVEE, in pixels in Workbench."""
+FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
+"""Of the engines' pixel filters as a Gauss bell, standard deviation over the filter's size: the
+engines' own, whose window of Blackman and Harris is twice as wide, or `WORKBENCH_SIGMA`."""
+WORKBENCH_SIGMA = {"OFF": 0.0, "FXAA": 0.35, "5": 0.38}
+"""Pixels, by Workbench's anti-aliasing, as measured on an edge."""
+WORKBENCH_MANY = 0.44
+"""The same with more samples."""
 
 
 def filter_sigma(engine: str, filter_size: float) -> float:
-    """Standard deviation, pixels, of the engine's pixel filter."""
-    sigma = FILTER_SIGMA.get(engine, FILTER_SIGMA["CYCLES"])
-    return sigma if engine == "BLENDER_WORKBENCH" else sigma * filter_size
+    """Standard deviation, pixels, of the engine's pixel filter; see `FILTER_SIGMA`."""
+    return FILTER_SIGMA.get(engine, FILTER_SIGMA["CYCLES"]) * filter_size
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +154,18 @@ def neighbours(rays: PictureRays, size: tuple[int, int]) -> Neighbours:
     return Neighbours(pixel, (ahead_x, ahead_y), (behind_x, behind_y), tuple(inner))
 
 
+def spacing(rays: PictureRays, beside: Neighbours) -> np.ndarray:
+    """(K,) metres between the hits of ways in neighbouring pixels, the lesser of both axes."""
+    points = rays.ways.point
+    found = np.full(len(points), np.inf)
+    for partners in (beside.ahead, beside.behind):
+        for partner in partners:
+            there = np.flatnonzero(partner >= 0)
+            apart = np.linalg.norm(points[there] - points[partner[there]], axis=1)
+            found[there] = np.minimum(found[there], apart)
+    return found
+
+
 def ending(
     rays: PictureRays, beside: Neighbours, shown: Shown, label: np.ndarray, size: tuple[int, int]
 ) -> np.ndarray:
@@ -190,49 +205,76 @@ def sun_light(
 ) -> np.ndarray:
     """(K, 3) radiance of the suns along the ways of one ray a pixel, as the pixel filter sees it.
 
-    A sun's image in a glass is often smaller than a pixel. A pixel's rays leave within a cone,
-    which neighbouring pixels tell: their directions' differences, times the filter's standard
-    deviation, are the axes of a Gauss bell. The sun's disc is a bell too, of the same second
-    moments. What both have in common is what the pixel sees of the sun.
+    A pixel's rays leave within a cone, which neighbouring pixels tell: their directions'
+    differences, times the filter's standard deviation, are the axes of a Gauss bell. A sun that is
+    smaller than the cone is a bell too, of its disc's second moments: what both have in common is
+    what the pixel sees of it. In a larger one, places of the cone are looked at one by one.
     """
     ways = rays.ways
     out = np.zeros((len(ways), 3))
     sky = np.flatnonzero(ways.is_sky)
     if not (len(sky) and suns):
         return out
-    slopes = [_slope(ways.direction, beside, axis, sky) for axis in range(2)]
+    slopes = [sigma * _slope(ways.direction, beside, axis, sky) for axis in range(2)]
+    longest = np.maximum(*(np.linalg.norm(slope, axis=1) for slope in slopes))
     for sun in suns:
-        towards = np.array(sun.towards)
-        near = ways.direction[sky] @ towards > COSINE_NEAR
-        some = sky[near]
-        if not len(some):
-            continue
-        offset = towards - ways.direction[some]
-        axes = [slope[near] * sigma for slope in slopes]
-        helper = np.eye(3)[np.argmin(np.abs(towards))]
-        first = np.cross(towards, helper)
-        first /= np.linalg.norm(first)
-        frame = np.stack((first, np.cross(towards, first)), axis=1)
-        ox, oy = (offset @ frame).T
-        (ax, ay), (bx, by) = ((axis @ frame).T for axis in axes)
-        square = max(1.0 - sun.cosine**2, 0.0)
-        # A disc of radius r has the second moments r²/4.
-        xx = ax * ax + bx * bx + 0.25 * square
-        yy = ay * ay + by * by + 0.25 * square
-        xy = ax * ay + bx * by
-        determinant = np.maximum(xx * yy - xy * xy, 1e-300)
-        distance = (yy * ox * ox - 2.0 * xy * ox * oy + xx * oy * oy) / determinant
-        bell = np.exp(-0.5 * np.minimum(distance, FARTHEST)) * (distance < FARTHEST)
-        part = np.pi * square * bell / (2.0 * np.pi * np.sqrt(determinant))
-        # A sun that fills the cone is seen as bright as it is.
-        out[some] += np.minimum(part, 1.0)[:, None] * np.array(sun.radiance)
+        cosine = np.clip(ways.direction[sky] @ np.array(sun.towards), -1.0, 1.0)
+        half = np.arccos(np.clip(sun.cosine, -1.0, 1.0))
+        near = np.flatnonzero(np.arccos(cosine) < half + FARTHEST * longest + LEAST_ANGLE)
+        large = half > LARGE * longest[near]
+        for seen, some in ((_disc_in_cone, near[large]), (_bell_in_cone, near[~large])):
+            if len(some):
+                axes = [slope[some] for slope in slopes]
+                part = seen(sun, ways.direction[sky[some]], *axes)
+                out[sky[some]] += part[:, None] * np.array(sun.radiance)
     return out
 
 
-COSINE_NEAR = 0.5
-"""Of the angle from a sun within which a way may see it."""
-FARTHEST = 30.0
-"""Square of a bell's standard deviations beyond which nothing is left of it."""
+def _bell_in_cone(sun: Sun, direction, first, second) -> np.ndarray:
+    """(n,) what part of the light in a cone's middle a sun gives that is smaller than the cone.
+
+    Parameters
+    ----------
+    direction, first, second : (n, 3) the cone's axis, and its bell's axes.
+    """
+    towards = np.array(sun.towards)
+    right = np.cross(towards, np.eye(3)[np.argmin(np.abs(towards))])
+    right /= np.linalg.norm(right)
+    frame = np.stack((right, np.cross(towards, right)), axis=1)
+    ox, oy = ((towards - direction) @ frame).T
+    (ax, ay), (bx, by) = ((axis @ frame).T for axis in (first, second))
+    square = max(1.0 - sun.cosine**2, 0.0)
+    # A disc of radius r has the second moments r²/4.
+    xx = ax * ax + bx * bx + 0.25 * square
+    yy = ay * ay + by * by + 0.25 * square
+    xy = ax * ay + bx * by
+    determinant = np.maximum(xx * yy - xy * xy, LEAST_SPREAD)
+    distance = (yy * ox * ox - 2.0 * xy * ox * oy + xx * oy * oy) / determinant
+    return 0.5 * square * np.exp(-0.5 * distance) / np.sqrt(determinant)
+
+
+def _disc_in_cone(sun: Sun, direction, first, second) -> np.ndarray:
+    """(n,) what part of a cone lies in a sun that is not much smaller; arguments as above."""
+    steps = _bell_means(PLACES)
+    inside = np.zeros(len(direction))
+    for x in steps:
+        for y in steps:
+            place = direction + x * first + y * second
+            inside += place @ np.array(sun.towards) > sun.cosine * np.linalg.norm(place, axis=1)
+    return inside / PLACES**2
+
+
+LARGE = 1.2
+"""A sun's half angle, in the longest axis of a cone's bell, from which on places are looked at:
+nearer ones would be missed between them."""
+PLACES = 8
+"""Along either axis of a cone, in which a large sun is looked for."""
+FARTHEST = 5.5
+"""Standard deviations of a bell beyond which nothing is left of it."""
+LEAST_ANGLE = 1e-6
+"""Radians: rounding of an angle between directions."""
+LEAST_SPREAD = 1e-300
+"""Keeps a quotient finite where neither cone nor sun has a size."""
 
 
 def _slope(values: np.ndarray, beside: Neighbours, axis: int, some: np.ndarray) -> np.ndarray:

@@ -26,6 +26,7 @@ from .exits import (
     finer_rays,
     grid,
     neighbours,
+    spacing,
     sun_light,
 )
 from .follow import Band, Follower, Kept
@@ -223,12 +224,20 @@ def _followed(
     kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
     coarse = centre_rays(pixels, follower)
     most = min(frame.captures, room.captures)
-    captures = place_captures(scene, direct, coarse.ways, most, frame.aspect, NEAREST * scale)
+    beside = neighbours(coarse, view.size)
+    captures = place_captures(
+        scene,
+        direct,
+        coarse.ways,
+        spacing(coarse, beside),
+        most,
+        frame.aspect,
+        NEAREST * scale,
+    )
     views = [direct, *captures, *[None] * (room.captures - len(captures))]
     skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
-    beside = neighbours(coarse, view.size)
     rough = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)[pixels]
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma)

@@ -34,15 +34,17 @@ class Sky:
     suns: tuple[Sun, ...] = ()
 
 
-def sky_of(scene: bpy.types.Scene, suns: tuple[Sun, ...]) -> Sky:
-    """The sky of a scene's world, as its engine draws it."""
+def sky_of(
+    scene: bpy.types.Scene, suns: tuple[Sun, ...], override: bpy.types.World | None = None
+) -> Sky:
+    """The sky of an evaluated scene's world, or of a view layer's own, as its engine draws it."""
     if scene.render.engine == "BLENDER_WORKBENCH":
         suns = ()
     if scene.render.film_transparent:
         return Sky((0.0, 0.0, 0.0), 0.0, suns)
     if scene.render.engine == "BLENDER_WORKBENCH":
         return Sky(None, 1.0)
-    return Sky(uniform_radiance(scene.world), 1.0, suns)
+    return Sky(uniform_radiance(override or scene.world), 1.0, suns)
 
 
 def uniform_radiance(world: bpy.types.World | None) -> tuple[float, float, float] | None:
@@ -63,7 +65,8 @@ def uniform_radiance(world: bpy.types.World | None) -> tuple[float, float, float
     if not links:
         return (0.0, 0.0, 0.0)
     node = links[0].from_node
-    if node.type != "BACKGROUND" or any(socket.is_linked for socket in node.inputs):
+    plain = node.type == "BACKGROUND" and not node.mute and not links[0].is_muted
+    if not plain or any(socket.is_linked for socket in node.inputs):
         return None
     strength = float(node.inputs["Strength"].default_value)
     return tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])

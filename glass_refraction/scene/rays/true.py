@@ -27,6 +27,7 @@ from ..read.glasses import glass_modifier, read_glasses
 from ..read.viewpoint import Viewpoint, border_window, render_size
 from ..read.visibility import rendered_layer
 from .caster import Casters, fill_cast_collection
+from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
@@ -192,7 +193,7 @@ def _read(
     return FrameInput(
         glasses=glasses,
         things=read_things(depsgraph, left_out),
-        sky=sky_of(scene, tuple(suns)),
+        sky=sky_of(depsgraph.scene_eval, tuple(suns), _world_override(depsgraph.view_layer)),
         view=view,
         near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),
         region=region,
@@ -206,10 +207,17 @@ def _read(
     )
 
 
+def _world_override(view_layer: bpy.types.ViewLayer) -> bpy.types.World | None:
+    """The world of the view layer's own, which Blender knows of from 5.0 on."""
+    return getattr(view_layer, "world_override", None)
+
+
 def _filter_size(scene: bpy.types.Scene) -> float:
-    if scene.render.engine != "CYCLES":
-        return float(scene.render.filter_size)
-    return float(scene.cycles.filter_width)
+    if scene.render.engine == "CYCLES":
+        return float(scene.cycles.filter_width)
+    if scene.render.engine == "BLENDER_WORKBENCH":
+        return WORKBENCH_SIGMA.get(scene.display.render_aa, WORKBENCH_MANY)
+    return float(scene.render.filter_size)
 
 
 def _samples(scene: bpy.types.Scene):

@@ -226,7 +226,7 @@ def saved_file():
     with bpy.data.libraries.load(str(path)) as (available, wanted):
         wanted.objects = [n for n in available.objects if n == "Glass"]
     loaded = wanted.objects[0]
-    inputs = sys.modules[f"{NAME}.scene.modifier_inputs"]
+    inputs = sys.modules[f"{NAME}.scene.read.modifier_inputs"]
     result["marked_in_file"] = inputs.read_input(loaded.modifiers[0], "Edges in Viewport")
     bpy.data.objects.remove(loaded)
 

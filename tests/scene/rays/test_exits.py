@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Places of rays in pixels, neighbours, and the energy of the suns' light."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction import optics
+from glass_refraction.scene.rays.exits import (
+    PictureRays,
+    _bell_means,
+    centre_rays,
+    ending,
+    filter_sigma,
+    finer_rays,
+    grid,
+    neighbours,
+    sun_light,
+)
+from glass_refraction.scene.rays.hits import Shown, Ways
+from glass_refraction.scene.rays.lamps import Sun
+from glass_refraction.scene.rays.true import _filter_size
+from glass_refraction.scene.read.viewpoint import Viewpoint
+
+SIZE = (64, 48)
+
+
+def view_of(focal=1.5, size=SIZE):
+    """A camera at the origin that looks along −z; ``focal``: half widths of the picture a slope."""
+    projection = np.zeros((4, 4))
+    projection[0, 0], projection[1, 1] = focal, focal * size[0] / size[1]
+    projection[3, 2] = -1.0
+    return Viewpoint(np.zeros(3), np.eye(4), projection, size, (0, 0, *size), False)
+
+
+def sky_ways(ray, direction, weight=None, path=None):
+    """Ways that meet nothing."""
+    count = len(ray)
+    weight = np.ones(count) if weight is None else weight
+    path = np.ones(count, np.int64) if path is None else path
+    return Ways(
+        ray, path, weight, np.repeat(weight[:, None], 3, axis=1), np.zeros((count, 3)), direction,
+        np.full(count, np.inf), np.full(count, -1),
+    )  # fmt: skip
+
+
+def straight(origins, directions):
+    """Follow nothing: each ray leaves as it came."""
+    return sky_ways(np.arange(len(origins)), directions), np.zeros(len(origins))
+
+
+# --------------------------------------------------------------------------------- places of rays
+
+
+@pytest.mark.parametrize("side", [1, 2, 3, 5, 8])
+def test_places_are_the_means_of_equal_parts_of_the_bell(side):
+    random = np.random.default_rng(0)
+    drawn = np.sort(random.normal(0, 1, 400 * 840)).reshape(side, -1).mean(axis=1)
+    np.testing.assert_allclose(_bell_means(side), drawn, atol=0.01)
+
+
+def test_the_more_places_the_nearer_their_variance_is_to_the_filters():
+    variance = [(_bell_means(side) ** 2).mean() for side in (2, 3, 5, 9, 33)]
+    assert np.all(np.diff(variance) > 0.0)
+    assert variance[0] == pytest.approx(2.0 / np.pi)
+    assert variance[-1] == pytest.approx(1.0, abs=0.02)
+
+
+def _edge_variance(scene, folder):
+    """Second moment, pixels squared, of the engine's filter: of a slanting edge's profile."""
+    found = scenes.picture(scene, folder)[..., 0].astype(float)
+    found = (found - found.min()) / np.ptp(found)
+    height, width = found.shape
+    y, x = np.mgrid[0:height, 0:width] + 0.5
+    # The edge runs through the picture's middle.
+    slope = scene["edge slope"]
+    normal = np.array((1.0, -slope)) / np.hypot(1.0, slope)
+    apart = (x - width / 2) * normal[0] + (y - height / 2) * normal[1]
+    near = np.abs(apart) < 4.0
+    order = np.argsort(apart[near])
+    place, value = apart[near][order], found[near][order]
+    # With F the profile and H a sharp edge's, 2 ∫ x (H − F) dx is the variance.
+    step = np.gradient(place)
+    return 2.0 * float((place * ((place > 0) - value) * step).sum())
+
+
+@pytest.mark.parametrize(
+    ("engine", "size", "aa"),
+    [
+        ("CYCLES", 1.5, "8"),
+        ("CYCLES", 4.0, "8"),
+        *(("BLENDER_WORKBENCH", 1.5, aa) for aa in ("OFF", "FXAA", "5", "8", "32")),
+    ],
+)
+def test_the_filters_sigma_is_that_of_the_engine(tmp_path, engine, size, aa):
+    scene = scenes.settings(64, 48, samples=256)
+    scene.render.engine = engine
+    scene.cycles.filter_width, scene.render.filter_size = size, size
+    scene.display.shading.light, scene.display.shading.color_type = "FLAT", "MATERIAL"
+    scene.display.render_aa = aa
+    scenes.camera(location=(0, 0, 1), tilt=0.0, type="ORTHO", ortho_scale=1.0)
+    scene["edge slope"] = 0.13
+    mesh = bpy.data.meshes.new("Edge")
+    slope = scene["edge slope"]
+    mesh.from_pydata([(-slope, -1, 0), (2, -1, 0), (2, 1, 0), (slope, 1, 0)], [], [(0, 1, 2, 3)])
+    # Dark: Workbench adds up samples in a logarithmic scale.
+    material = scenes.emissive("grey", (0.05, 0.05, 0.05))
+    material.diffuse_color = (0.05, 0.05, 0.05, 1)
+    mesh.materials.append(material)
+    scene.collection.objects.link(bpy.data.objects.new("Edge", mesh))
+    sigma = filter_sigma(engine, _filter_size(scene))
+    assert np.sqrt(_edge_variance(scene, tmp_path)) == pytest.approx(sigma, rel=0.05, abs=0.02)
+
+
+def test_finer_rays_lie_in_their_pixels_and_share_it():
+    view = view_of()
+    pixels = np.array([5, 200, 3000])
+    rays = finer_rays(view, pixels, 3, 0.4, straight)
+    assert len(rays.pixel) == 27
+    np.testing.assert_allclose(np.bincount(rays.pixel, rays.share)[pixels], 1.0)
+    slope = rays.ways.direction[:, :2] / -rays.ways.direction[:, 2:]
+    x = (slope[:, 0] * 1.5 + 1.0) * 0.5 * SIZE[0]
+    y = (slope[:, 1] * 1.5 * SIZE[0] / SIZE[1] + 1.0) * 0.5 * SIZE[1]
+    np.testing.assert_array_equal(np.floor(x) + SIZE[0] * np.floor(y), rays.pixel)
+    middle = [x[rays.pixel == p].mean() % 1 for p in pixels]
+    np.testing.assert_allclose(middle, 0.5, atol=1e-9)
+
+
+def test_light_that_was_not_followed_goes_with_what_was():
+    def follow(origins, directions):
+        ways, _ = straight(origins, directions)
+        count = len(origins)
+        weight = np.repeat((0.6, 0.2), count)
+        both = sky_ways(
+            np.tile(np.arange(count), 2), np.tile(ways.direction, (2, 1)), weight,
+            np.repeat((1, 2), count),
+        )  # fmt: skip
+        return both, np.full(count, 0.2)
+
+    rays = centre_rays(view_of(), np.arange(10), follow)
+    sums = np.bincount(rays.ways.ray, rays.ways.weight)
+    np.testing.assert_allclose(sums, 1.0)
+    np.testing.assert_allclose(rays.ways.weight[:10] / rays.ways.weight[10:], 3.0)
+
+
+def test_a_grid_holds_each_pixel_once():
+    found = grid([(0, 0, 3, 2), (2, 1, 5, 4), (-4, -4, 0, 0), (60, 40, 90, 90)], SIZE)
+    assert np.all(np.diff(found) > 0)
+    assert len(found) == 6 + 9 - 1 + 4 * 8
+
+
+# ------------------------------------------------------------------------------------- neighbours
+
+
+def test_neighbours_are_the_same_way_one_pixel_further():
+    view = view_of(size=(6, 5))
+    pixels = np.array([7, 8, 9, 13, 14, 27])
+    ways = sky_ways(
+        np.array([0, 1, 1, 2, 3, 4, 5]), np.tile((0, 0, -1.0), (7, 1)),
+        path=np.array([1, 1, 2, 2, 1, 3, 1]),
+    )  # fmt: skip
+    rays = PictureRays(pixels, np.ones(6), ways)
+    found = neighbours(rays, view.size)
+    np.testing.assert_array_equal(found.pixel, pixels[ways.ray])
+    # By hand: path 1 in 7 and 8 and 13; path 2 in 8 and 9; 3 in 14 alone; 27 in the last column.
+    np.testing.assert_array_equal(found.ahead[0], [1, -1, 3, -1, -1, -1, -1])
+    np.testing.assert_array_equal(found.behind[0], [-1, 0, -1, 2, -1, -1, -1])
+    np.testing.assert_array_equal(found.ahead[1], [4, -1, -1, -1, -1, -1, -1])
+    np.testing.assert_array_equal(found.behind[1], [-1, -1, -1, -1, 0, -1, -1])
+    assert found.inner[1][0].all() == (27 // 6 < 4) and not found.inner[1][0][-1]
+
+
+def test_neighbours_of_no_ways():
+    nothing = sky_ways(np.zeros(0, int), np.zeros((0, 3)))
+    rays = PictureRays(np.arange(4), np.ones(4), nothing)
+    found = neighbours(rays, SIZE)
+    assert all(len(part) == 0 for pair in (found.ahead, found.behind) for part in pair)
+    shown = Shown(np.zeros(0, int), np.zeros((0, 2)))
+    assert not ending(rays, found, shown, np.zeros(0, int), SIZE).any()
+
+
+def test_where_all_is_smooth_nothing_ends():
+    rays = centre_rays(view_of(), np.arange(SIZE[0] * SIZE[1]), straight)
+    beside = neighbours(rays, SIZE)
+    count = len(rays.ways)
+    y, x = np.divmod(rays.pixel[rays.ways.ray], SIZE[0])
+    shown = Shown(np.zeros(count, int), np.stack((x, y), axis=1) + 0.5)
+    label = np.zeros(count, int)
+    assert not ending(rays, beside, shown, label, SIZE).any()
+    # Another thing in the right half: pixels on either side of its border, whole columns.
+    label[x >= 30] = 1
+    shown.view[x >= 30] = 1
+    rough = ending(rays, beside, shown, label, SIZE).reshape(SIZE[::-1])
+    assert (rough[:, 29:31] > 0.2).all()
+    assert not np.delete(rough, (29, 30), axis=1).any()
+
+
+# ------------------------------------------------------------------------------------------- suns
+
+
+def _through_a_slab(origins, directions):
+    """A pane across the view: light goes on in its direction."""
+    pane = optics.body(
+        optics.FlatGlass((0.01,), (1.5,), outline=((-9, -9), (9, -9), (9, 9), (-9, 9)))
+    )
+    pose = np.eye(4)
+    pose[2, 3] = -1.0
+    ends = optics.exit_rays([optics.PlacedGlass(pane, pose)], origins, directions, min_weight=1e-3)
+    keep = ends.path == ends.path[np.argmax(ends.weight)]
+    return sky_ways(ends.ray[keep], ends.direction[keep], ends.weight[keep]), ends.lost
+
+
+def _off_a_mirror(origins, directions):
+    """A flat mirror at 40 degrees: light goes on in the mirrored direction."""
+    normal = np.array((0.0, np.sin(0.7), np.cos(0.7)))
+    mirrored = directions - 2.0 * (directions @ normal)[:, None] * normal
+    return sky_ways(np.arange(len(origins)), mirrored), np.zeros(len(origins))
+
+
+def _flux(view, rays, light):
+    """Light of a picture over the solid angles of its pixels."""
+    x, y = rays.pixel % SIZE[0] + 0.5, rays.pixel // SIZE[0] + 0.5
+    _, directions = view.rays(x, y)
+    per_pixel = (2.0 / (SIZE[0] * view.projection[0, 0])) * (
+        2.0 / (SIZE[1] * view.projection[1, 1])
+    )
+    solid = per_pixel * np.abs(directions[:, 2]) ** 3
+    return float((light[:, 0] * rays.ways.weight * solid[rays.ways.ray]).sum())
+
+
+@pytest.mark.parametrize("through", [_through_a_slab, _off_a_mirror], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("half_px", [0.02, 0.2, 0.28, 0.3, 0.5, 1.0, 3.0, 12.0])
+def test_all_pixels_together_get_the_suns_flux(through, half_px):
+    """In the mean over places of a pixel: a filter sees a point of light now more, now less."""
+    view = view_of(3.0)
+    rays = centre_rays(view, np.arange(SIZE[0] * SIZE[1]), through)
+    beside = neighbours(rays, SIZE)
+    pixel = 2.0 / (SIZE[0] * view.projection[0, 0])
+    half = half_px * pixel
+    solid = 2.0 * np.pi * (1.0 - np.cos(half))
+    found, brightest = [], 0.0
+    for x, y in np.stack(np.meshgrid(np.arange(3), np.arange(3)), axis=-1).reshape(-1, 2):
+        seen = np.array(((x / 3 + 0.1) * pixel, (y / 3 + 0.1) * pixel, -1.0))
+        ways, _ = through(np.zeros((1, 3)), seen[None] / np.linalg.norm(seen))
+        sun = Sun(tuple(ways.direction[0]), float(np.cos(half)), (7.0, 7.0, 7.0))
+        light = sun_light(rays, beside, (sun,), filter_sigma("CYCLES", 1.5))
+        found.append(_flux(view, rays, light) / (7.0 * solid * ways.weight[0]))
+        brightest = max(brightest, light.max() / 7.0)
+    assert np.mean(found) == pytest.approx(1.0, rel=0.015)
+    assert np.ptp(found) < 0.4
+    assert brightest < 1.0 + 1e-9
+
+
+def test_a_sun_is_as_bright_as_it_is_and_ends_at_its_border():
+    view = view_of(3.0)
+    rays = centre_rays(view, np.arange(SIZE[0] * SIZE[1]), straight)
+    half = 10.0 * 2.0 / (SIZE[0] * view.projection[0, 0])
+    sun = Sun((0.0, 0.0, -1.0), float(np.cos(half)), (5.0, 2.0, 1.0))
+    light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25)
+    apart = np.arccos(np.clip(-rays.ways.direction[:, 2], -1, 1)) / half
+    np.testing.assert_allclose(light[apart < 0.9], [sun.radiance] * (apart < 0.9).sum())
+    assert not light[apart > 1.1].any()
+
+
+def test_a_sun_as_wide_as_half_the_sky():
+    view = view_of(3.0)
+    rays = centre_rays(view, np.arange(SIZE[0] * SIZE[1]), straight)
+    sun = Sun((0.0, 0.0, -1.0), 0.0, (5.0, 2.0, 1.0))
+    light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25)
+    np.testing.assert_allclose(light, np.broadcast_to(sun.radiance, light.shape))

@@ -1,0 +1,643 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whole pictures of True shading, in small: against closed forms, Cycles and themselves."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+from mathutils import Vector
+
+from glass_refraction.reference.cycles import render_reference
+from glass_refraction.scene import update as door
+from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.read.glasses import glass_modifier, glass_objects
+from glass_refraction.scene.read.modifier_inputs import write_input
+
+ENGINES = ("CYCLES", "BLENDER_EEVEE", "BLENDER_WORKBENCH")
+
+
+def _scene(width=64, height=48, engine="CYCLES", samples=4, **glass):
+    scene = scenes.settings(width, height, samples=samples, shading="TRUE", **glass)
+    scene.render.engine = engine
+    scene.eevee.taa_render_samples = samples
+    scene.display.shading.light, scene.display.shading.color_type = "FLAT", "MATERIAL"
+    scene.display.shading.show_object_outline = False
+    return scene
+
+
+def _wall(distance=0.2, **given):
+    wall = scenes.striped_wall(distance, **given)
+    for material in wall.data.materials:
+        material.diffuse_color = material.node_tree.nodes["Emission"].inputs[0].default_value
+    return wall
+
+
+def _world(colour, strength=1.0):
+    world = bpy.data.worlds.new("World")
+    node = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
+    node.inputs["Color"].default_value = (*colour, 1.0)
+    node.inputs["Strength"].default_value = strength
+    bpy.context.scene.world = world
+    return world
+
+
+def _plain(scene, folder, name="plain"):
+    """The same frame without its glasses."""
+    glasses = glass_objects(scene.view_layers[0])
+    for obj in glasses:
+        obj.hide_render = True
+    found = scenes.picture(scene, folder, name)
+    for obj in glasses:
+        obj.hide_render = False
+    return found
+
+
+def _covered(scene):
+    return door.memory_of(scene).covered
+
+
+def _psnr(one, other, where=None):
+    off = (one - other)[..., :3] if where is None else (one - other)[where][:, :3]
+    return -10.0 * np.log10(max(float((off.astype(float) ** 2).mean()), 1e-12))
+
+
+def _reference(scene, samples=256, **given):
+    return render_reference(scene, samples=samples, surface=scene.refractive_glass.surface, **given)
+
+
+def _problems(scene):
+    return door.status(scene).problems
+
+
+# ---------------------------------------------------------------------------------- no glass at all
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("shape", ["CYLINDER", "SPHERE"])
+def test_glass_of_the_airs_own_ior_is_not_there_to_the_bit(tmp_path, engine, shape):
+    scenes.camera()
+    _wall()
+    scene = _scene(engine=engine, samples=2)
+    glass = scenes.glass(shape=shape)
+    write_input(glass_modifier(glass), "IOR", 1.0)
+    found = scenes.picture(scene, tmp_path)
+    assert _problems(scene) == []
+    np.testing.assert_array_equal(found, _plain(scene, tmp_path))
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
+def test_beside_the_glass_the_picture_is_the_plain_one_to_the_bit(tmp_path, engine):
+    scenes.camera()
+    _wall()
+    scene = _scene(engine=engine)
+    scenes.glass(shape="CYLINDER")
+    found = scenes.picture(scene, tmp_path)
+    covered = _covered(scene)
+    # What covers less than half of a pixel counts as beside: one pixel round it.
+    wide = covered.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            wide |= np.roll(covered, step, axis)
+    plain = _plain(scene, tmp_path)
+    assert 0.1 < wide.mean() < 0.6
+    np.testing.assert_array_equal(found[~wide], plain[~wide])
+    assert np.abs(found - plain)[covered].max() > 0.3
+
+
+# ------------------------------------------------------------------------------------ closed forms
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_slab_displaces_by_the_closed_form(tmp_path, engine):
+    """An edge between two colours behind a tilted slab, seen by parallel rays."""
+    angle, thickness, ior = 0.8, 0.03, 1.5
+    scenes.camera(location=(0.0, -0.5, 0.0), tilt=np.pi / 2, type="ORTHO", ortho_scale=0.1)
+    mesh = bpy.data.meshes.new("Wall")
+    mesh.from_pydata(
+        [(-1, 0.3, -1), (0, 0.3, -1), (1, 0.3, -1), (1, 0.3, 1), (0, 0.3, 1), (-1, 0.3, 1)],
+        [], [(0, 1, 4, 5), (1, 2, 3, 4)],
+    )  # fmt: skip
+    for name, grey in (("dark", 0.05), ("light", 0.45)):
+        material = scenes.emissive(name, (grey,) * 3)
+        material.diffuse_color = (grey, grey, grey, 1.0)
+        mesh.materials.append(material)
+    mesh.polygons[1].material_index = 1
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Wall", mesh))
+    scene = _scene(engine=engine, samples=16, surface="REFRACTION")
+    slab = scenes.glass(shape="SLAB", radius=0.2, wall_thickness=thickness, ior=ior)
+    # Its normal points to the camera, turned about the vertical.
+    slab.rotation_euler = (np.pi / 2, 0.0, angle)
+    found = scenes.picture(scene, tmp_path)
+    plain = _plain(scene, tmp_path)
+    assert _problems(scene) == []
+    assert _covered(scene).all()
+
+    def edge(picture):
+        row = picture[20:28, :, 0].mean(axis=0).astype(float)
+        low, high = row[:5].mean(), row[-5:].mean()
+        return len(row) - ((row - low) / (high - low)).sum()
+
+    inner = np.arcsin(np.sin(angle) / ior)
+    shift = thickness * np.sin(angle - inner) / np.cos(inner)
+    pixel = 0.1 / 64
+    assert abs(edge(found) - edge(plain)) * pixel == pytest.approx(shift, abs=0.15 * pixel)
+
+
+WHITE = (
+    {"shape": "CYLINDER", "radius": 0.04},
+    {"shape": "SPHERE", "radius": 0.04, "wall_thickness": 0.0},
+    {"shape": "SLAB", "radius": 0.04, "wall_thickness": 0.01},
+    {"shape": "TUMBLER", **scenes.CUP},
+)
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
+@pytest.mark.parametrize("values", WHITE, ids=lambda v: v["shape"])
+def test_all_white_is_white_through_any_glass(tmp_path, engine, values):
+    """Energy: whatever ways light takes, all of it comes from something white."""
+    scenes.camera(location=(0.0, -0.4, 0.1), tilt=np.pi / 2 * 0.9)
+    bpy.ops.mesh.primitive_plane_add(size=1.0, location=(0, 0, -0.02))
+    bpy.context.object.data.materials.append(scenes.emissive("white", (1.0, 1.0, 1.0)))
+    scene = _scene(engine=engine, samples=1)
+    _world((1.0, 1.0, 1.0))
+    glass = scenes.glass(**values)
+    glass.location.z = 0.03
+    found = scenes.picture(scene, tmp_path)
+    assert _problems(scene) == []
+    assert _covered(scene).sum() > 50
+    np.testing.assert_allclose(found[..., :3], 1.0, atol=0.005)
+
+
+# ---------------------------------------------------------------------------- whose engine it is
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_no_scene_is_rendered_by_another_engine_than_the_users(tmp_path, engine):
+    scenes.camera()
+    _wall()
+    scene = _scene(engine=engine, samples=1)
+    _world((0.1, 0.2, 0.3))
+    scenes.glass(shape="CYLINDER")
+    engines = set()
+
+    def note(rendered, depsgraph):
+        if depsgraph.mode == "RENDER":
+            engines.add(rendered.render.engine)
+
+    bpy.app.handlers.frame_change_post.append(note)
+    try:
+        found = scenes.picture(scene, tmp_path)
+    finally:
+        bpy.app.handlers.frame_change_post.remove(note)
+    assert engines == {engine}
+    assert {s.render.engine for s in find_own_scenes(scene, ("capture", "sky"))} == {engine}
+    assert np.abs(found - _plain(scene, tmp_path)).max() > 0.3
+
+
+# ---------------------------------------------------------------------------- against Cycles
+
+
+def _against_cycles(scene, folder, least, samples=256):
+    found = scenes.picture(scene, folder)
+    problems = list(_problems(scene))
+    covered = _covered(scene)
+    assert covered.sum() > 100
+    wanted = _reference(scene, samples)
+    off = _psnr(found, wanted, covered)
+    print(f"{off:.1f} dB inside, unseen {door.status(scene).unseen:.4f} {problems}")
+    assert problems == []
+    assert off > least, off
+    return found, wanted
+
+
+@pytest.mark.parametrize("surface", ["GLASS", "REFRACTION"])
+def test_a_tube_is_as_cycles_shows_it(tmp_path, surface):
+    scenes.camera(location=(0.0, -0.35, 0.1))
+    _wall(stripes=12)
+    scene = _scene(samples=32, surface=surface)
+    _world((0.2, 0.3, 0.4))
+    scenes.glass(shape="CYLINDER")
+    _against_cycles(scene, tmp_path, 30.0 if surface == "GLASS" else 27.0)
+
+
+def test_absorption_tints_as_in_cycles(tmp_path):
+    scenes.camera(location=(0.0, -0.3, 0.0), tilt=np.pi / 2)
+    _wall(stripes=6)
+    scene = _scene(samples=32)
+    _world((0.6, 0.6, 0.6))
+    glass = scenes.glass(shape="SPHERE", radius=0.04, wall_thickness=0.0)
+    write_input(glass_modifier(glass), "Absorption Color", (0.9, 0.5, 0.2, 1.0))
+    write_input(glass_modifier(glass), "Absorption Distance", 0.05)
+    clear, covered = scenes.picture(scene, tmp_path), _covered(scene)
+    _, wanted = _against_cycles(scene, tmp_path, 30.0)
+    mean = clear[covered][:, :3].mean(axis=0)
+    np.testing.assert_allclose(mean, wanted[covered][:, :3].mean(axis=0), rtol=0.03)
+
+
+def test_dispersion_is_as_in_cycles(tmp_path):
+    scenes.camera(location=(0.0, -0.3, 0.0), tilt=np.pi / 2)
+    _wall(stripes=6)
+    scene = _scene(samples=32)
+    glass = scenes.glass(shape="SPHERE", radius=0.04, wall_thickness=0.0, ior=1.7)
+    plain = scenes.picture(scene, tmp_path, "plain glass")
+    write_input(glass_modifier(glass), "Abbe Number", 12.0)
+    found, _ = _against_cycles(scene, tmp_path, 26.0)
+    assert np.abs(found - plain).max() > 0.1
+
+
+def test_two_glasses_behind_one_another_are_as_in_cycles(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall(stripes=12)
+    scene = _scene(samples=32)
+    _world((0.3, 0.3, 0.3))
+    scenes.glass(shape="CYLINDER", radius=0.03).location = (-0.015, 0.0, 0.0)
+    scenes.glass(shape="SPHERE", radius=0.04, wall_thickness=0.0).location = (0.02, 0.1, 0.06)
+    _against_cycles(scene, tmp_path, 27.0)
+
+
+def _colourful_world():
+    world = _world((1, 1, 1))
+    tree = world.node_tree
+    place, turn, background = (
+        tree.nodes.new("ShaderNodeTexCoord"),
+        tree.nodes.new("ShaderNodeMapping"),
+        next(n for n in tree.nodes if n.type == "BACKGROUND"),
+    )
+    turn.inputs["Scale"].default_value = (0.5, 0.5, 0.5)
+    turn.inputs["Location"].default_value = (0.5, 0.5, 0.5)
+    tree.links.new(place.outputs["Generated"], turn.inputs["Vector"])
+    tree.links.new(turn.outputs["Vector"], background.inputs["Color"])
+    return world
+
+
+@pytest.mark.parametrize("values", [WHITE[1], WHITE[0]], ids=lambda v: v["shape"])
+def test_a_world_of_many_colours_is_as_in_cycles(tmp_path, values):
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene(samples=16)
+    _colourful_world()
+    glass = scenes.glass(**values)
+    glass.location.z = 0.05 if values["shape"] == "SPHERE" else 0.0
+    _against_cycles(scene, tmp_path, 30.0)
+
+
+@pytest.mark.parametrize("kind", ["AREA", "POINT", "SUN"])
+def test_mirrored_lamps_of_a_size_are_as_in_cycles(tmp_path, kind):
+    """A pane before the black mirrors a lamp behind the camera."""
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene(samples=32)
+    _world((0.0, 0.0, 0.0))
+    light = bpy.data.lights.new("Lamp", kind)
+    light.energy = 4.0
+    if kind == "AREA":
+        light.size = 0.3
+    elif kind == "POINT":
+        light.shadow_soft_size = 0.15
+    else:
+        light.angle = 0.25
+    lamp = bpy.data.objects.new("Lamp", light)
+    scene.collection.objects.link(lamp)
+    lamp.location = (0.1, -0.9, 0.1)
+    towards = Vector((0.0, 0.0, 0.05)) - lamp.location
+    lamp.rotation_euler = towards.to_track_quat("-Z", "Y").to_euler()
+    slab = scenes.glass(shape="SLAB", radius=0.15, wall_thickness=0.01)
+    slab.location, slab.rotation_euler = (0.0, 0.0, 0.05), (np.pi / 2, 0.0, 0.0)
+    found, wanted = _against_cycles(scene, tmp_path, 20.0)
+    assert wanted[..., 0].max() > 0.01
+    sums = [picture[..., :3].sum() for picture in (found, wanted)]
+    assert sums[0] == pytest.approx(sums[1], rel=0.05)
+
+
+# ---------------------------------------------------------------------------------- film and border
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
+def test_a_transparent_film_is_as_transparent_as_in_cycles(tmp_path, engine):
+    scenes.camera(tilt=np.pi / 2)
+    wall = _wall()
+    wall.location.z = 0.56
+    scene = _scene(samples=32, engine=engine)
+    scene.render.film_transparent = True
+    scene.cycles.film_transparent_glass = True
+    scenes.glass(shape="CYLINDER")
+    found = scenes.picture(scene, tmp_path)
+    covered = _covered(scene)
+    wanted = _reference(scene, 64)
+    off = np.abs(found - wanted)[covered][:, 3]
+    print(off.mean(), np.quantile(off, 0.9))
+    assert np.abs(found[covered][:, 3].mean() - wanted[covered][:, 3].mean()) < 0.03
+    assert np.median(off) < 0.03
+    assert 0.2 < found[covered][:, 3].mean() < 0.8
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
+@pytest.mark.parametrize("crop", [False, True])
+def test_a_border_shows_its_part_of_the_whole_picture(tmp_path, engine, crop):
+    scenes.camera(lens=60.0)
+    _wall()
+    scene = _scene(80, 60, samples=1, engine=engine)
+    _world((0.3, 0.4, 0.5))
+    scene.cycles.filter_width = 0.01
+    scenes.glass(shape="CYLINDER")
+    whole = scenes.picture(scene, tmp_path, "whole")
+    render = scene.render
+    render.use_border, render.use_crop_to_border = True, crop
+    render.border_min_x, render.border_max_x = 0.3, 0.7
+    render.border_min_y, render.border_max_y = 0.2, 0.8
+    part = scenes.picture(scene, tmp_path, "part")
+    assert part.shape[:2] == ((36, 32) if crop else (60, 80))
+    if not crop:
+        part = part[12:48, 24:56]
+    off = np.abs(part - whole[12:48, 24:56]).max(axis=2)
+    print(off.max(), np.quantile(off, 0.9), off.mean())
+    # What the picture shows no more comes from captures, which are not as fine.
+    assert np.quantile(off, 0.5) < 0.02
+    assert off.mean() < 0.05
+
+
+def test_an_orthographic_camera(tmp_path):
+    scenes.camera(tilt=np.pi / 2, type="ORTHO", ortho_scale=0.12, location=(0, -0.5, 0.06))
+    _wall()
+    scene = _scene(samples=32)
+    _world((0.2, 0.3, 0.4))
+    scenes.glass(shape="CYLINDER")
+    _against_cycles(scene, tmp_path, 27.0)
+
+
+# ----------------------------------------------------------------------------- where the camera is
+
+
+def test_an_eye_in_the_cavity(tmp_path):
+    scenes.camera(location=(0.0, -0.02, 0.06), tilt=np.pi / 2, clip_start=0.001)
+    _wall(stripes=6)
+    scene = _scene(samples=32)
+    _world((0.3, 0.3, 0.3))
+    scenes.glass(shape="CYLINDER")
+    _against_cycles(scene, tmp_path, 27.0)
+
+
+def test_an_eye_in_the_glass_itself(tmp_path):
+    """Right, or told of."""
+    scenes.camera(location=(0.0, -0.01, 0.0), tilt=np.pi / 2, clip_start=0.001)
+    _wall(stripes=6)
+    scene = _scene(samples=32)
+    _world((0.3, 0.3, 0.3))
+    scenes.glass(shape="SPHERE", radius=0.04, wall_thickness=0.0)
+    found = scenes.picture(scene, tmp_path)
+    assert np.isfinite(found).all()
+    if not _problems(scene):
+        covered = _covered(scene)
+        assert _psnr(found, _reference(scene), covered) > 25.0
+
+
+# ---------------------------------------------------------------------------- kinds of things seen
+
+
+def _curve(scene):
+    bpy.ops.curve.primitive_bezier_circle_add(radius=0.02, location=(0, 0.1, 0.06))
+    obj = bpy.context.object
+    obj.rotation_euler.x = np.pi / 2
+    obj.data.bevel_depth = 0.006
+    return obj
+
+
+def _text(scene):
+    bpy.ops.object.text_add(location=(-0.02, 0.1, 0.045), rotation=(np.pi / 2, 0, 0))
+    obj = bpy.context.object
+    obj.data.body, obj.data.size, obj.data.extrude = "HO", 0.05, 0.002
+    return obj
+
+
+def _metaball(scene):
+    bpy.ops.object.metaball_add(radius=0.04, location=(0, 0.1, 0.06))
+    return bpy.context.object
+
+
+def _collection_instance(scene):
+    collection = bpy.data.collections.new("Many")
+    bpy.ops.mesh.primitive_cube_add(size=0.03)
+    cube = bpy.context.object
+    scene.collection.objects.unlink(cube)
+    collection.objects.link(cube)
+    empty = bpy.data.objects.new("Instance", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    empty.location = (0.0, 0.1, 0.06)
+    scene.collection.objects.link(empty)
+    return cube
+
+
+def _node_instances(scene):
+    bpy.ops.mesh.primitive_cube_add(size=0.03)
+    cube = bpy.context.object
+    cube.hide_render = True
+    bpy.ops.mesh.primitive_grid_add(
+        x_subdivisions=1, y_subdivisions=1, size=0.05, location=(0, 0.1, 0.06)
+    )
+    grid = bpy.context.object
+    grid.rotation_euler.x = np.pi / 2
+    tree = bpy.data.node_groups.new("Instances", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    new, link = tree.nodes.new, tree.links.new
+    info, spread = new("GeometryNodeObjectInfo"), new("GeometryNodeInstanceOnPoints")
+    info.inputs["Object"].default_value = cube
+    info.inputs["As Instance"].default_value = True
+    link(new("NodeGroupInput").outputs[0], spread.inputs["Points"])
+    link(info.outputs["Geometry"], spread.inputs["Instance"])
+    link(spread.outputs[0], new("NodeGroupOutput").inputs[0])
+    grid.modifiers.new("Instances", "NODES").node_group = tree
+    return cube
+
+
+def _red(obj, rgb=(0.9, 0.05, 0.05)):
+    material = scenes.emissive("red", rgb)
+    material.diffuse_color = (*rgb, 1.0)
+    obj.data.materials.clear()
+    obj.data.materials.append(material)
+
+
+def _is_red(picture):
+    return (picture[..., 0] > 0.4) & (picture[..., 1] < 0.35) & (picture[..., 2] < 0.35)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [_curve, _text, _metaball, _collection_instance, _node_instances],
+    ids=lambda f: f.__name__[1:],
+)
+def test_all_kinds_of_things_are_seen_through_the_glass(tmp_path, make):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=16)
+    _world((0.2, 0.3, 0.4))
+    _red(make(scene))
+    scenes.glass(shape="CYLINDER")
+    found, wanted = _against_cycles(scene, tmp_path, 24.0)
+    covered = _covered(scene)
+    red = [_is_red(picture)[covered].sum() for picture in (found, wanted)]
+    assert red[1] > 15
+    assert red[0] == pytest.approx(red[1], rel=0.25)
+
+
+def _hide_render(obj, scene):
+    obj.hide_render = True
+
+
+def _hide_from_cameras(obj, scene):
+    obj.visible_camera = False
+
+
+def _exclude_collection(obj, scene):
+    collection = bpy.data.collections.new("Left out")
+    scene.collection.children.link(collection)
+    scene.collection.objects.unlink(obj)
+    collection.objects.link(obj)
+    layer = scene.view_layers[0].layer_collection.children[collection.name]
+    layer.exclude = True
+
+
+@pytest.mark.parametrize(
+    "hide", [_hide_render, _hide_from_cameras, _exclude_collection], ids=lambda f: f.__name__[1:]
+)
+def test_what_the_picture_does_not_show_is_not_seen_through_the_glass(tmp_path, hide):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall(stripes=6)
+    scene = _scene(samples=1, engine="BLENDER_WORKBENCH" if hide is _hide_render else "CYCLES")
+    bpy.ops.mesh.primitive_cube_add(size=0.04, location=(0, 0.1, 0.06))
+    cube = bpy.context.object
+    _red(cube, (1.0, 0.0, 1.0))
+    scenes.glass(shape="CYLINDER")
+    covered_by = scenes.picture(scene, tmp_path, "seen")
+    hide(cube, scene)
+    found = scenes.picture(scene, tmp_path, "hidden")
+    assert np.abs(found - covered_by).max() > 0.3
+    bpy.data.objects.remove(cube)
+    without = scenes.picture(scene, tmp_path, "without")
+    np.testing.assert_allclose(found, without, atol=1e-4)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_material_override_holds_in_the_glass(tmp_path, engine):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall()
+    scene = _scene(samples=1, engine=engine, surface="REFRACTION")
+    scene.view_layers[0].material_override = scenes.emissive("override", (0.25, 0.5, 0.75))
+    scene.view_layers[0].material_override.diffuse_color = (0.25, 0.5, 0.75, 1.0)
+    scenes.glass(shape="CYLINDER")
+    plain = _plain(scene, tmp_path)
+    found = scenes.picture(scene, tmp_path)
+    middle = found[18:24, 28:36, :3]
+    np.testing.assert_allclose(middle, plain[18:24, 28:36, :3], atol=0.01)
+
+
+def test_things_of_a_background_set_are_seen_through_the_glass(tmp_path):
+    scene = _scene(samples=16)
+    behind = bpy.data.scenes.new("Set")
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    wall = _wall(stripes=6)
+    scene.collection.objects.unlink(wall)
+    behind.collection.objects.link(wall)
+    scene.background_set = behind
+    scenes.glass(shape="CYLINDER")
+    found = scenes.picture(scene, tmp_path)
+    covered = _covered(scene)
+    assert _problems(scene) == []
+    assert _psnr(found, _reference(scene), covered) > 24.0
+
+
+def test_a_holdout_is_a_hole_in_the_glass_too(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall(stripes=6)
+    scene = _scene(samples=16)
+    scene.render.film_transparent = True
+    bpy.ops.mesh.primitive_cube_add(size=0.05, location=(0, 0.1, 0.06))
+    bpy.context.object.is_holdout = True
+    scenes.glass(shape="CYLINDER", radius=0.06)
+    found = scenes.picture(scene, tmp_path)
+    plain = _plain(scene, tmp_path)
+    hole = plain[22:26, 30:34, 3].mean()
+    assert hole == pytest.approx(0.0, abs=1e-3)
+    # The glass's own reflections are all that is left there.
+    assert found[22:26, 30:34, 3].mean() < 0.35
+
+
+# ------------------------------------------------------------------------------------- view layers
+
+
+def test_the_first_layer_that_is_rendered_counts(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall()
+    scene = _scene(samples=1, engine="BLENDER_WORKBENCH")
+    scenes.glass(shape="CYLINDER")
+    wanted = scenes.picture(scene, tmp_path, "one layer")
+    door.remove(scene)
+    second, third = scene.view_layers.new("Second"), scene.view_layers.new("Third")
+    scene.view_layers[0].use = False
+    third.use = False
+    found = scenes.picture(scene, tmp_path, "second layer")
+    assert _problems(scene) == []
+    np.testing.assert_array_equal(found, wanted)
+    second.use, third.use = True, True
+    np.testing.assert_array_equal(scenes.picture(scene, tmp_path, "two layers"), wanted)
+
+
+# ------------------------------------------------------------------------- what it cannot show well
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
+def test_depth_of_field_is_rendered_or_told_of(tmp_path, engine):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=4, engine=engine)
+    _wall()
+    data = scene.camera.data
+    data.dof.use_dof, data.dof.focus_distance, data.dof.aperture_fstop = True, 0.4, 0.5
+    scenes.glass(shape="CYLINDER")
+    found = scenes.picture(scene, tmp_path)
+    assert np.isfinite(found).all()
+    assert any("depth of field" in problem.lower() for problem in _problems(scene))
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
+def test_motion_blur_is_rendered_or_told_of(tmp_path, engine):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=4, engine=engine)
+    wall = _wall()
+    for frame in (1, 3):
+        wall.location.x = 0.05 * frame
+        wall.keyframe_insert("location", frame=frame)
+    scene.frame_set(2)
+    scene.render.use_motion_blur = True
+    glass = scenes.glass(shape="CYLINDER")
+    found = scenes.picture(scene, tmp_path)
+    assert np.isfinite(found).all()
+    for frame in (1, 3):
+        glass.location.x = 0.01 * frame
+        glass.keyframe_insert("location", frame=frame)
+    found = scenes.picture(scene, tmp_path)
+    assert np.isfinite(found).all()
+    assert any("motion blur" in problem.lower() for problem in _problems(scene))
+
+
+# ------------------------------------------------------------------------------- the user's own tree
+
+
+def test_the_users_nodes_before_and_behind_stay_and_work(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall()
+    scene = _scene(samples=1, engine="BLENDER_WORKBENCH")
+    scenes.glass(shape="CYLINDER")
+    plain = scenes.picture(scene, tmp_path, "plain tree")
+    door.remove(scene)
+    tree = bpy.data.node_groups.new("Mine", "CompositorNodeTree")
+    tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    layers, end = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("NodeGroupOutput")
+    layers.scene = scene
+    half = tree.nodes.new("ShaderNodeVectorMath")
+    half.operation = "SCALE"
+    half.inputs["Scale"].default_value = 0.5
+    tree.links.new(layers.outputs["Image"], half.inputs[0])
+    tree.links.new(half.outputs[0], end.inputs[0])
+    scene.compositing_node_group = tree
+    found = scenes.picture(scene, tmp_path, "my tree")
+    np.testing.assert_allclose(found[..., :3], 0.5 * plain[..., :3], atol=1e-4)
+    door.remove(scene)
+    links = {(x.from_node.name, x.to_node.name) for x in tree.links}
+    assert links == {(layers.name, half.name), (half.name, end.name)}

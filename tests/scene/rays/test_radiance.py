@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Light that is known without a view: worlds of one colour, lamps, stand-ins."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction.scene.rays.hits import KNOWN, UNSEEN, Shown, Ways
+from glass_refraction.scene.rays.looks import Look
+from glass_refraction.scene.rays.radiance import (
+    Sky,
+    known_light,
+    sky_of,
+    stand_ins,
+    uniform_radiance,
+)
+from glass_refraction.scene.rays.things import Things
+
+
+def _world(colour=(0.2, 0.4, 0.8), strength=2.0):
+    world = bpy.data.worlds.new("World")
+    node = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
+    node.inputs["Color"].default_value = (*colour, 1.0)
+    node.inputs["Strength"].default_value = strength
+    return world, node
+
+
+@pytest.mark.parametrize("way", ["plain", "none", "unlinked"])
+def test_a_world_of_one_colour_is_as_cycles_draws_it(tmp_path, way):
+    scene = scenes.settings(4, 4, samples=1)
+    scenes.camera()
+    world, _ = _world()
+    scene.world = None if way == "none" else world
+    if way == "unlinked":
+        world.node_tree.links.clear()
+    found = scenes.picture(scene, tmp_path)[2, 2, :3]
+    np.testing.assert_allclose(found, uniform_radiance(scene.world), rtol=1e-5)
+
+
+def test_a_world_of_more_than_one_colour_is_not_known():
+    world, node = _world()
+    assert uniform_radiance(world) == pytest.approx((0.4, 0.8, 1.6))
+    texture = world.node_tree.nodes.new("ShaderNodeTexGradient")
+    world.node_tree.links.new(texture.outputs["Color"], node.inputs["Color"])
+    assert uniform_radiance(world) is None
+
+
+def test_a_worlds_node_that_is_muted_or_behind_another_is_not_taken_for_it(tmp_path):
+    """Whatever stands between background and output, a known radiance is the drawn one."""
+    scene = scenes.settings(4, 4, samples=1)
+    scenes.camera()
+    world, node = _world()
+    scene.world = world
+    node.mute = True
+    known = uniform_radiance(world)
+    found = scenes.picture(scene, tmp_path)[2, 2, :3]
+    if known is not None:
+        np.testing.assert_allclose(found, known, rtol=1e-5)
+
+
+def test_the_sky_behind_a_transparent_film_is_nothing():
+    scene = scenes.settings()
+    scene.world, _ = _world()
+    assert sky_of(scene, ()).radiance == pytest.approx((0.4, 0.8, 1.6))
+    assert sky_of(scene, ()).alpha == 1.0
+    scene.render.film_transparent = True
+    assert sky_of(scene, ()) == Sky((0.0, 0.0, 0.0), 0.0)
+
+
+def _ways(points, triangle):
+    count = len(points)
+    origins = np.asarray(points, float) - (0, 0, 1)
+    sky = np.asarray(triangle) < 0
+    return Ways(
+        np.arange(count), np.ones(count, np.int64), np.ones(count), np.ones((count, 3)), origins,
+        np.tile((0.0, 0.0, 1.0), (count, 1)), np.where(sky, np.inf, 1.0), np.asarray(triangle),
+    )  # fmt: skip
+
+
+def _things(*looks):
+    """One triangle of each look, facing −z."""
+    corners = np.array([(0, 0, 0), (0, 1, 0), (1, 0, 0)], float)
+    points = np.concatenate([corners + np.array((3.0 * k, 0, 0)) for k in range(len(looks))])
+    triangles = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+    surface = np.arange(len(looks), dtype=np.int32)
+    return Things(points, triangles, surface, looks, tuple("abcdef"[: len(looks)]))
+
+
+def test_lamps_and_sky_give_their_own_light():
+    lamp = Look((0, 0, 0), (3.0, 2.0, 1.0), True, False, 1)
+    things = _things(Look(), lamp, lamp)
+    normals = np.array([(0, 0, -1.0), (0, 0, -1.0), (0, 0, 1.0)])
+    ways = _ways(np.zeros((5, 3)), [0, 1, 2, -1, 1])
+    shown = Shown(np.array([0, KNOWN, KNOWN, KNOWN, UNSEEN]), np.zeros((5, 2)))
+    found = known_light(things, normals, Sky((0.5, 0.6, 0.7), 1.0), ways, shown)
+    # An area lamp gives light on the side of its face alone.
+    np.testing.assert_array_equal(
+        found, [(0, 0, 0), (3, 2, 1), (0, 0, 0), (0.5, 0.6, 0.7), (0, 0, 0)]
+    )
+
+
+def test_a_hit_that_no_view_shows_takes_the_nearest_of_its_surface():
+    things = _things(Look(), Look((0.2, 0.4, 0.6), (1.0, 0.0, 0.0)))
+    points = [(0, 0, 0), (0.5, 0, 0), (0.45, 0, 0), (0.44, 0, 0), (3, 0, 0)]
+    ways = _ways(points, [0, 0, 0, 1, 1])
+    pixels = np.arange(10.0).reshape(5, 2)
+    shown = Shown(np.array([0, 1, UNSEEN, UNSEEN, UNSEEN]), pixels)
+    found, guessed = stand_ins(things, ways, shown)
+    np.testing.assert_array_equal(found.view, [0, 1, 1, KNOWN, KNOWN])
+    np.testing.assert_array_equal(found.pixels[2], pixels[1])
+    # Nothing of the other surface is shown: its own light, and its colour under a mean light.
+    np.testing.assert_allclose(guessed, [(0, 0, 0)] * 3 + [(1.1, 0.2, 0.3)] * 2)
+    np.testing.assert_array_equal(shown.view, [0, 1, UNSEEN, UNSEEN, UNSEEN])
+
+
+def test_no_ways_need_no_stand_in():
+    ways = _ways(np.zeros((0, 3)), np.zeros(0, int))
+    shown = Shown(np.zeros(0, int), np.zeros((0, 2)))
+    found, guessed = stand_ins(_things(Look()), ways, shown)
+    assert len(found.view) == len(guessed) == 0

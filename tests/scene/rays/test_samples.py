@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Packed samples: looked up and added in pairs, they are the plain sum of each pixel's samples."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction.scene.rays.samples import (
+    LEVELS,
+    MOST,
+    WIDTH,
+    PackedPixels,
+    pack,
+    strongest,
+)
+from glass_refraction.scene.rays.sum_tree import (
+    SPLINE_REACH,
+    Pictures,
+    SumTree,
+    spline_inverse,
+    write_kernels,
+)
+
+
+def map_uv(picture, where):
+    """What the compositor's Map UV finds: nearest pixels, extended at the border; 0 by alpha 0."""
+    height, width = picture.shape[:2]
+    x = np.clip(np.floor(where[..., 0].astype(float) * width), 0, width - 1).astype(int)
+    y = np.clip(np.floor(where[..., 1].astype(float) * height), 0, height - 1).astype(int)
+    return picture[y, x] * where[..., 2:3]
+
+
+def summed(packed, looked_up, spread):
+    """Follow the compositor's way through the pictures of one view: (height, width, 3) float32."""
+    found = looked_up * packed.colour[..., :3]
+    for first, second in packed.pairs:
+        found = map_uv(found, first) + map_uv(found, second)
+    return map_uv(map_uv(found, packed.into), spread)
+
+
+def _samples(random, most, pixels=300, size=(40, 30)):
+    """Samples of some of the picture's pixels; values are whole numbers, whose sums are exact."""
+    chosen = np.sort(random.choice(size[0] * size[1], pixels, replace=False))
+    count = random.integers(1, most + 1, pixels)
+    count[0], count[-1] = most, most
+    pixel = np.repeat(chosen, count)
+    colour = random.integers(0, 8, (len(pixel), 3)).astype(float)
+    uv = random.uniform(0, 1, (len(pixel), 2))
+    return chosen, pixel, uv, colour
+
+
+@pytest.mark.parametrize("most", [1, 2, 3, 16, 25, MOST - 1, MOST])
+def test_the_pictures_add_up_each_pixels_samples_exactly(most):
+    random = np.random.default_rng(most)
+    size = (40, 30)
+    pixels, pixel, uv, colour = _samples(random, most, 1200 if most < 4 else 40, size)
+    everywhere = PackedPixels(np.unique(np.concatenate((pixels, [0, 1199]))))
+    packed = pack(everywhere, pixel, uv, colour)
+    assert len(packed.pairs) == LEVELS
+    # What each sample finds in its view: another whole number.
+    looked_up = np.zeros((*packed.where.shape[:2], 3), np.float32)
+    value = random.integers(0, 8, (len(pixel), 3))
+    looked_up.reshape(-1, 3)[: len(pixel)] = value
+    expected = np.zeros((size[0] * size[1], 3))
+    np.add.at(expected, pixel, colour * value)
+    found = summed(packed, looked_up, everywhere.spread(size))
+    np.testing.assert_array_equal(found.reshape(-1, 3), expected)
+
+
+def test_places_of_samples_stand_in_the_picture_one_after_another():
+    random = np.random.default_rng(0)
+    pixels, pixel, uv, colour = _samples(random, 25)
+    packed = pack(PackedPixels(pixels), pixel, uv, colour)
+    where = packed.where.reshape(-1, 4)[: len(pixel)]
+    np.testing.assert_array_equal(where[:, :2], uv.astype(np.float32))
+    np.testing.assert_array_equal(where[:, 2], 1.0)
+    assert not packed.where.reshape(-1, 4)[len(pixel) :, :3].any()
+    assert packed.where.shape[1] == WIDTH
+
+
+def test_a_view_without_samples_adds_nothing():
+    everywhere = PackedPixels(np.array([3, 5]))
+    packed = pack(everywhere, np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 3)))
+    looked_up = np.full((*packed.where.shape[:2], 3), 7.0)
+    assert not summed(packed, looked_up, everywhere.spread((4, 2))).any()
+    nowhere = PackedPixels(np.zeros(0, int))
+    packed = pack(nowhere, np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 3)))
+    assert not summed(packed, looked_up, nowhere.spread((4, 2))).any()
+    assert not nowhere.known(np.zeros((0, 3)), np.zeros(0, int))[..., :3].any()
+
+
+def test_what_is_known_adds_up_in_its_pixel():
+    random = np.random.default_rng(1)
+    pixels, pixel, _, colour = _samples(random, 9)
+    pixel, colour = pixel[::-1], colour[::-1]
+    everywhere = PackedPixels(pixels)
+    known = everywhere.known(colour, pixel)[..., :3]
+    expected = np.zeros((1200, 3))
+    np.add.at(expected, pixel, colour)
+    found = map_uv(known, everywhere.spread((40, 30)))
+    np.testing.assert_array_equal(found.reshape(-1, 3), expected)
+
+
+def test_the_strongest_samples_are_kept_where_there_are_too_many():
+    random = np.random.default_rng(2)
+    pixel = np.repeat((4, 9, 12), (MOST + 40, 5, MOST))
+    weight = random.uniform(0, 1, len(pixel))
+    keep = strongest(pixel, weight)
+    assert keep[pixel == 9].all()
+    assert keep[pixel == 12].all()
+    some = weight[pixel == 4]
+    assert keep[pixel == 4].sum() == MOST
+    assert some[keep[pixel == 4]].min() > some[~keep[pixel == 4]].max()
+    assert strongest(np.zeros(0, int), np.zeros(0)).shape == (0,)
+
+
+def test_the_spline_inverse_makes_a_spline_go_through_the_pixels():
+    kernel = spline_inverse()
+    blurred = np.convolve(kernel, (1 / 6, 2 / 3, 1 / 6))
+    middle = SPLINE_REACH + 1
+    assert blurred[middle] == pytest.approx(1.0, abs=1e-4)
+    assert np.abs(np.delete(blurred, middle)).max() < 1e-3
+    assert kernel.sum() == pytest.approx(1.0, abs=1e-6)
+
+
+def _composited(scene, tmp_path, fill, alpha=False):
+    """Render a scene whose compositor has the sum tree of no captures; ``fill`` writes pictures."""
+    tree = SumTree(scene, [], alpha=alpha).tree
+    write_kernels()
+    outer = bpy.data.node_groups.new("Mine", "CompositorNodeTree")
+    outer.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    layers, group, end = (
+        outer.nodes.new(kind)
+        for kind in ("CompositorNodeRLayers", "CompositorNodeGroup", "NodeGroupOutput")
+    )
+    layers.scene = scene
+    group.node_tree = tree
+    for name in ("Image", "Alpha"):
+        outer.links.new(layers.outputs[name], group.inputs[name])
+    outer.links.new(group.outputs["Image"], end.inputs["Image"])
+    scene.compositing_node_group = outer
+    pictures = Pictures(scene)
+    fill(pictures)
+    return scenes.picture(scene, tmp_path)
+
+
+def test_blenders_compositor_adds_up_the_same(tmp_path):
+    """The engine draws one colour: each pixel is it times the sum of its samples' colours."""
+    scene = scenes.settings(32, 24, samples=1)
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.world = bpy.data.worlds.new("World")
+    scene.world.color = (0.25, 0.5, 1.0)
+    scene.display.shading.background_type = "WORLD"
+    scenes.camera()
+    random = np.random.default_rng(3)
+    pixels = np.sort(random.choice(32 * 24, 250, replace=False))
+    count = random.integers(1, MOST // 8, len(pixels))
+    count[7] = MOST
+    pixel = np.repeat(pixels, count)
+    colour = random.integers(0, 8, (len(pixel), 3)) / 64.0
+    everywhere = PackedPixels(pixels)
+    packed = pack(everywhere, pixel, random.uniform(0.1, 0.9, (len(pixel), 2)), colour)
+    known = random.integers(0, 8, (len(pixels), 3)) / 8.0
+    beside = np.full((24, 32, 4), 0.5, np.float32)
+
+    def fill(pictures):
+        pictures.write_view(0, packed)
+        pictures.write(everywhere.spread((32, 24)), "spread")
+        pictures.write(beside, "beside")
+        pictures.write(everywhere.known(known, pixels), "known")
+
+    # Workbench draws in few bits: what it drew counts.
+    world = scenes.picture(scene, tmp_path, "plain")[0, 0, :3]
+    found = _composited(scene, tmp_path, fill)
+    expected = np.zeros((32 * 24, 3))
+    np.add.at(expected, pixel, colour)
+    expected *= world
+    np.add.at(expected, pixels, known)
+    expected += 0.5 * world
+    np.testing.assert_allclose(found[..., :3].reshape(-1, 3), expected, rtol=2e-4)
+    np.testing.assert_allclose(found[..., 3], 1.0, atol=2e-3)

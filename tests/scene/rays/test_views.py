@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Radiance views: what is computed of a camera is what Blender's camera of that name draws."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction.scene.rays.true import _aim_camera
+from glass_refraction.scene.rays.views import aimed_view, direct_view, virtual_eye
+from glass_refraction.scene.read.viewpoint import border_window, read_viewpoint
+
+
+def _frame(size=(96, 64), aspect=(1.0, 1.0), border=None, crop=False, **camera):
+    scene = bpy.context.scene
+    scenes.camera(**camera)
+    render = scene.render
+    render.resolution_x, render.resolution_y = size
+    render.resolution_percentage = 100
+    render.pixel_aspect_x, render.pixel_aspect_y = aspect
+    region = (0, 0, *size)
+    if border:
+        render.use_border, render.use_crop_to_border = True, crop
+        (render.border_min_x, render.border_min_y) = border[:2]
+        (render.border_max_x, render.border_max_y) = border[2:]
+        region = border_window(scene)
+    view = read_viewpoint(scene, scenes.depsgraph())
+    return scene, direct_view(view, region, 0.01)
+
+
+def _directions(random, towards, spread, count=400):
+    found = np.array(towards, float) + random.normal(0, spread, (count, 3))
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+FRAMES = (
+    {},
+    {"size": (64, 96)},
+    {"aspect": (2.0, 1.0)},
+    {"aspect": (1.0, 1.5), "size": (80, 80)},
+    {"border": (0.2, 0.3, 0.7, 0.9)},
+    {"border": (0.2, 0.3, 0.7, 0.9), "crop": True, "aspect": (1.0, 1.4)},
+    {"shift_x": 0.3, "lens": 90.0},
+)
+
+
+@pytest.mark.parametrize("settings", FRAMES, ids=str)
+@pytest.mark.parametrize("towards", [(0, 1, 0), (0.3, -1, -0.4), (0, 0.01, -1)], ids=str)
+def test_blenders_camera_projects_as_the_view(settings, towards):
+    scene, direct = _frame(**settings)
+    random = np.random.default_rng(2)
+    render = scene.render
+    aspect = render.pixel_aspect_y / render.pixel_aspect_x
+    directions = _directions(random, towards, 0.2)
+    eye = np.array((0.3, -0.2, 0.5))
+    view = aimed_view(eye, directions, np.ones(len(directions)), 0.01, direct, aspect)
+    camera = bpy.data.objects.new("capture", bpy.data.cameras.new("capture"))
+    scene.collection.objects.link(camera)
+    _aim_camera(camera, view, 10.0)
+    scene.camera = camera
+    bpy.context.view_layer.update()
+    seen = read_viewpoint(scene, scenes.depsgraph())
+    points = eye + directions * random.uniform(0.1, 5.0, (len(directions), 1))
+    pixels, inside = view.pixels(points)
+    ahead = (directions @ view.forward) > 0.2
+    assert ahead.mean() > 0.9
+    np.testing.assert_allclose(pixels[ahead], seen.pixels(points[ahead]), atol=2e-3)
+    # Nearly all that it was opened for lies in what is drawn.
+    assert inside.mean() > 0.9
+    data = camera.data
+    assert data.clip_start == pytest.approx(0.01)
+    assert data.clip_end == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("camera", [{}, {"type": "ORTHO", "ortho_scale": 0.4}], ids=str)
+@pytest.mark.parametrize("crop", [False, True])
+def test_the_direct_view_is_the_users_camera(camera, crop):
+    scene, direct = _frame(border=(0.25, 0.25, 0.75, 1.0), crop=crop, **camera)
+    view = read_viewpoint(scene, scenes.depsgraph())
+    random = np.random.default_rng(4)
+    points = random.uniform((-0.3, 0.1, -0.1), (0.3, 0.5, 0.3), (300, 3))
+    pixels, inside = direct.pixels(points)
+    np.testing.assert_allclose(pixels, view.pixels(points), atol=1e-9)
+    x0, y0, x1, y1 = direct.region
+    within = np.all((pixels > (x0 + 0.5, y0 + 0.5)) & (pixels < (x1 - 0.5, y1 - 0.5)), axis=1)
+    np.testing.assert_array_equal(inside, within)
+    assert 0.05 < inside.mean() < 0.95
+    # Looked up at u, v of the picture, which holds the window alone.
+    low, high = np.array(view.window[:2]), np.array(view.window[2:])
+    np.testing.assert_allclose(direct.uv(pixels) * (high - low) + low, pixels, atol=1e-9)
+    # Sights run from where the camera begins to see to the points.
+    origins, directions, lengths = direct.sight(points)
+    np.testing.assert_allclose(origins + directions * lengths[:, None], points, atol=1e-12)
+    np.testing.assert_allclose((origins - direct.eye) @ direct.forward, 0.01, atol=1e-9)
+
+
+def test_the_virtual_eye_of_rays_through_a_point_is_the_point():
+    random = np.random.default_rng(6)
+    point = np.array((1.0, -2.0, 0.5))
+    directions = _directions(random, (0.0, 1.0, 0.2), 0.1)
+    origins = point + directions * random.uniform(-3, 3, (len(directions), 1))
+    weights = random.uniform(0.1, 1.0, len(directions))
+    np.testing.assert_allclose(virtual_eye(origins, directions, weights), point, atol=1e-9)
+
+
+def test_the_virtual_eye_of_parallel_rays_is_their_middle():
+    random = np.random.default_rng(7)
+    origins = random.normal(0, 1, (50, 3))
+    directions = np.tile((0.0, 0.6, 0.8), (50, 1))
+    weights = random.uniform(0.1, 1.0, 50)
+    mean = np.average(origins, axis=0, weights=weights)
+    np.testing.assert_allclose(virtual_eye(origins, directions, weights), mean, atol=1e-9)
+    one = virtual_eye(origins[:1], directions[:1], weights[:1])
+    np.testing.assert_allclose(one, origins[0], atol=1e-9)
+
+
+def test_views_of_one_direction_and_of_all_round_are_finite():
+    scene, direct = _frame()
+    del scene
+    random = np.random.default_rng(8)
+    everywhere = _directions(random, (0, 0, 0), 1.0)
+    for directions in (
+        np.array([(0.0, 0.0, 1.0)]),
+        np.array([(0, 0, 1.0), (0, 0, -1)]),
+        everywhere,
+    ):
+        view = aimed_view(np.zeros(3), directions, np.ones(len(directions)), 0.0, direct, 1.0)
+        assert np.isfinite(view.projection).all()
+        assert np.isfinite(view.to_camera).all()
+        turn = view.to_camera[:3, :3]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+        _, inside = view.pixels_of_sky(directions)
+        assert inside.any()
