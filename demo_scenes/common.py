@@ -231,6 +231,22 @@ def glass_of_water(
     return glass
 
 
+def own_mesh_glass(
+    obj: bpy.types.Object, ior: float, *, abbe: float = 0.0, priority: int = 0
+) -> bpy.types.Object:
+    """Make ``obj`` a glass of its own mesh, by the extension's operator, and return it."""
+    register_extension()
+    from glass_refraction.scene.read.glasses import glass_modifier
+    from glass_refraction.scene.read.modifier_inputs import write_input
+
+    activate(obj)
+    bpy.ops.object.refractive_glass_modifier_add(shape="MESH", ior=ior)
+    modifier = glass_modifier(obj)
+    write_input(modifier, "Abbe Number", abbe)
+    write_input(modifier, "Priority", priority)
+    return obj
+
+
 def camera(
     scene: bpy.types.Scene,
     position: Sequence[float],

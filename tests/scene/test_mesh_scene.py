@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glasses that are meshes, as renders show them: laws, and closed forms as the measure."""
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction.scene import update as door
+from glass_refraction.scene.names import RefractiveGlassError
+from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
+from glass_refraction.scene.read.mesh_glasses import open_edges
+from glass_refraction.scene.read.modifier_inputs import read_input, write_input
+
+SIZE = {"width": 80, "height": 60, "samples": 4, "shading": "TRUE", "surface": "GLASS"}
+
+
+def _own_mesh(obj=None, **values):
+    """Make an object a glass of its own mesh."""
+    if obj is not None:
+        bpy.context.view_layer.objects.active = obj
+    made = bpy.ops.object.refractive_glass_modifier_add(shape="MESH", **values)
+    assert made == {"FINISHED"}
+    return bpy.context.object
+
+
+def _ball(radius=0.04, location=(0.0, 0.0, 0.08), segments=48):
+    bpy.ops.mesh.primitive_uv_sphere_add(
+        radius=radius, location=location, segments=segments, ring_count=segments // 2
+    )
+    bpy.ops.object.shade_smooth()
+    return bpy.context.object
+
+
+def _tube(radius, inner, height, segments):
+    """A closed tube whose walls have the normals of a cylinder."""
+    angle = np.arange(segments) * 2 * np.pi / segments
+    ring = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    corners = ((radius, 0.0), (radius, height), (inner, height), (inner, 0.0))
+    points = [(*(r * ring[k]), z) for r, z in corners for k in range(segments)]
+    faces = []
+    for row in range(4):
+        for k in range(segments):
+            k2, row2 = (k + 1) % segments, (row + 1) % 4
+            faces.append([row * segments + k, row * segments + k2])
+            faces[-1] += [row2 * segments + k2, row2 * segments + k]
+    mesh = bpy.data.meshes.new("Tube")
+    mesh.from_pydata(points, [], faces)
+    # Walls are smooth, rims flat; the edges between them are sharp.
+    mesh.polygons.foreach_set(
+        "use_smooth", [row % 2 == 0 for row in range(4) for _ in range(segments)]
+    )
+    mesh.edges.foreach_set("use_edge_sharp", np.zeros(len(mesh.edges), bool))
+    ends = np.array([edge.vertices for edge in mesh.edges])
+    same_ring = ends[:, 0] // segments == ends[:, 1] // segments
+    mesh.edges.foreach_set("use_edge_sharp", same_ring)
+    obj = bpy.data.objects.new("Tube", mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def _differences(a, b):
+    return np.abs(a[..., :3] - b[..., :3]).max(axis=2)
+
+
+def test_a_finely_tessellated_cylinder_is_the_closed_form(tmp_path):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(**SIZE)
+    exact = scenes.glass(shape="CYLINDER", radius=0.04, wall_thickness=0.004, height=0.12)
+    closed = scenes.picture(scene, tmp_path, "closed")
+    covered = door.memory_of(scene).covered.copy()
+    bpy.data.objects.remove(exact)
+    _own_mesh(_tube(0.04, 0.036, 0.12, 1024))
+    mesh = scenes.picture(scene, tmp_path, "mesh")
+    assert door.status(scene).problems == []
+    assert covered.sum() > 300
+    off = _differences(closed, mesh)
+    # Where light ends, facets end elsewhere by a hundredth of a pixel.
+    assert np.quantile(off[covered], 0.95) < 0.02
+    assert off[covered].mean() < 0.01
+
+
+def test_a_mesh_of_the_airs_own_ior_is_not_there(tmp_path):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(**SIZE)
+    obj = _own_mesh(_ball(), ior=1.0)
+    found = scenes.picture(scene, tmp_path)
+    scene.refractive_glass.enabled = False
+    obj.hide_render = True
+    plain = scenes.picture(scene, tmp_path, "plain")
+    assert np.quantile(_differences(found, plain), 0.98) < 0.05
+
+
+def test_renders_hide_the_mesh_and_a_disabled_extension_shows_it(tmp_path):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(**SIZE)
+    obj = _own_mesh(_ball())
+    scenes.picture(scene, tmp_path)
+    assert not read_input(glass_modifier(obj), "Show in Render")
+    assert door.memory_of(scene).covered.sum() > 200
+    scene.refractive_glass.enabled = False
+    scenes.picture(scene, tmp_path, "off")
+    assert read_input(glass_modifier(obj), "Show in Render")
+
+
+@pytest.mark.parametrize("kind", ["armature", "shape key"])
+def test_each_frame_of_a_moving_mesh_is_as_alone(tmp_path, kind):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(60, 45, samples=2, shading="TRUE", surface="GLASS")
+    obj = _ball(segments=16)
+    if kind == "armature":
+        _bend(scene, obj)
+    else:
+        obj.shape_key_add(name="Basis")
+        key = obj.shape_key_add(name="Wide")
+        for point in key.data:
+            point.co.x *= 1.6
+        for frame, value in ((1, 0.0), (3, 1.0)):
+            key.value = value
+            key.keyframe_insert("value", frame=frame)
+    _own_mesh(obj)
+    scene.frame_start, scene.frame_end = 1, 3
+    image = scene.render.image_settings
+    image.media_type = "IMAGE"
+    image.file_format, image.color_depth, image.color_mode = "OPEN_EXR", "32", "RGBA"
+    scene.render.filepath = str(tmp_path / "frame_")
+    bpy.ops.render.render(animation=True)
+    frames = [scenes.load(tmp_path / f"frame_{frame:04d}.exr") for frame in (1, 2, 3)]
+    assert _differences(frames[0], frames[2]).max() > 0.2
+    for frame in (3, 2):
+        door.forget()
+        scene.frame_set(frame)
+        alone = scenes.picture(scene, tmp_path, f"alone_{frame}")
+        np.testing.assert_array_equal(alone, frames[frame - 1])
+
+
+def _bend(scene, obj):
+    """An armature of one bone that carries the mesh aside, from frame 1 to frame 3."""
+    data = bpy.data.armatures.new("Armature")
+    armature = bpy.data.objects.new("Armature", data)
+    scene.collection.objects.link(armature)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    bone = data.edit_bones.new("Bone")
+    bone.head, bone.tail = (0.0, 0.0, 0.0), (0.0, 0.0, 0.1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    group = obj.vertex_groups.new(name="Bone")
+    group.add(range(len(obj.data.vertices)), 1.0, "REPLACE")
+    obj.modifiers.new("Armature", "ARMATURE").object = armature
+    pose = armature.pose.bones["Bone"]
+    for frame, x in ((1, 0.0), (3, 0.03)):
+        pose.location = (x, 0.0, 0.0)
+        pose.keyframe_insert("location", frame=frame)
+
+
+def test_of_overlapping_meshes_the_higher_priority_holds(tmp_path):
+    """A ball of water that runs into one of glass, against water cut to what the glass leaves."""
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(**SIZE)
+    glass = _own_mesh(_ball(0.03, (-0.02, 0.0, 0.08)), ior=1.5)
+    water = _own_mesh(_ball(0.03, (0.02, 0.0, 0.08)), ior=1.333)
+    write_input(glass_modifier(glass), "Priority", 1)
+    overlapping = scenes.picture(scene, tmp_path, "overlapping")
+    # Priority the other way round is another thing.
+    write_input(glass_modifier(glass), "Priority", -1)
+    other = scenes.picture(scene, tmp_path, "other")
+    write_input(glass_modifier(glass), "Priority", 1)
+    cut = water.modifiers.new("Cut", "BOOLEAN")
+    cut.object, cut.operation, cut.solver = _copy_of(glass), "DIFFERENCE", "EXACT"
+    with bpy.context.temp_override(object=water):
+        bpy.ops.object.modifier_move_to_index(modifier="Cut", index=0)
+    apart = scenes.picture(scene, tmp_path, "apart")
+    covered = door.memory_of(scene).covered
+    assert door.status(scene).problems == []
+    off = _differences(overlapping, apart)[covered]
+    assert _differences(overlapping, other)[covered].mean() > 0.02
+    # The cut's facets are those of both balls: what differs are pixels at borders.
+    assert off.mean() < 0.01
+    assert np.quantile(off, 0.9) < 0.02
+
+
+def _copy_of(glass):
+    """The same mesh as no glass and hidden, for a Boolean modifier."""
+    tool = bpy.data.objects.new("Tool", glass.data)
+    tool.matrix_world = glass.matrix_world
+    bpy.context.scene.collection.objects.link(tool)
+    tool.hide_render = True
+    bpy.context.view_layer.update()
+    return tool
+
+
+@pytest.mark.parametrize("shape", ["MESH", "SPHERE"])
+def test_instances_are_glasses_in_their_places(tmp_path, shape):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(**SIZE)
+    if shape == "MESH":
+        obj = _own_mesh(_ball(0.03, (0.0, 0.0, 0.0)))
+    else:
+        obj = scenes.glass(shape="SPHERE", radius=0.03, wall_thickness=0.0)
+    places = ((-0.05, 0.0, 0.08), (0.05, 0.02, 0.09))
+    collection = bpy.data.collections.new("Glasses")
+    for held in list(obj.users_collection):
+        held.objects.unlink(obj)
+    collection.objects.link(obj)
+    empties = []
+    for place in places:
+        empty = bpy.data.objects.new("Instance", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", collection
+        empty.location = place
+        scene.collection.objects.link(empty)
+        empties.append(empty)
+    instanced = scenes.picture(scene, tmp_path, "instanced")
+    assert door.status(scene).problems == []
+    covered = door.memory_of(scene).covered.copy()
+    assert covered.sum() > 200
+    for empty, place in zip(empties, places, strict=True):
+        bpy.data.objects.remove(empty)
+        real = obj.copy()
+        real.location = place
+        scene.collection.objects.link(real)
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(instanced, scenes.picture(scene, tmp_path, "real"), atol=2e-3)
+
+
+def test_a_mirrored_sheared_mesh_keeps_its_outside():
+    obj = _own_mesh(_ball())
+    obj.scale = (-1.0, 2.0, 0.5)
+    obj.rotation_euler = (0.3, 0.2, 0.9)
+    bpy.context.view_layer.update()
+    found = read_glass(obj, scenes.depsgraph()).description
+    points = found.points
+    flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    middle = points.mean(axis=(0, 1))
+    assert np.all(np.einsum("nk,nk->n", flat, points.mean(axis=1) - middle) > 0.0)
+    assert np.all(np.einsum("nk,nck->nc", flat, found.normals) > 0.0)
+    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=2), 1.0)
+
+
+def _material(kind, **values):
+    material = bpy.data.materials.new(kind)
+    tree = material.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new(kind)
+    for name, value in values.items():
+        shader.inputs[name.replace("_", " ")].default_value = value
+    end = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(shader.outputs[0], end.inputs["Surface"])
+    return material
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "refracted", "reflected"),
+    [
+        ("ShaderNodeBsdfGlass", {"Color": (0.5, 1, 1, 1)}, (0.5, 1, 1), (0.5, 1, 1)),
+        ("ShaderNodeBsdfRefraction", {"Color": (0.5, 1, 1, 1)}, (0.5, 1, 1), (0.5, 1, 1)),
+        (
+            "ShaderNodeBsdfPrincipled",
+            {"Base_Color": (0.25, 1, 1, 1), "Transmission_Weight": 1.0},
+            (0.5, 1, 1),
+            (1, 1, 1),
+        ),
+    ],
+)
+def test_the_meshs_own_material_is_read(kind, values, refracted, reflected):
+    obj = _ball()
+    obj.data.materials.append(_material(kind, IOR=1.7, Roughness=0.2, **values))
+    _own_mesh(obj)
+    found = read_glass(obj, scenes.depsgraph()).description
+    assert (found.ior, found.roughness) == pytest.approx((1.7, 0.2))
+    assert found.refracted == pytest.approx(refracted)
+    assert found.reflected == pytest.approx(reflected)
+    assert read_input(glass_modifier(obj), "IOR") == pytest.approx(1.7)
+
+
+def test_without_a_glassy_material_the_modifiers_ior_holds():
+    obj = _ball()
+    obj.data.materials.append(_material("ShaderNodeBsdfDiffuse"))
+    _own_mesh(obj, ior=1.6)
+    write_input(glass_modifier(obj), "IOR", 1.4)
+    bpy.context.view_layer.update()
+    assert read_glass(obj, scenes.depsgraph()).description.ior == pytest.approx(1.4)
+
+
+def test_a_mesh_of_no_faces_or_no_numbers_is_one_line():
+    mesh = bpy.data.meshes.new("Points")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0)], [], [])
+    obj = bpy.data.objects.new("My Points", mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    with pytest.raises(RuntimeError, match='"My Points": its mesh has no faces') as error:
+        bpy.ops.object.refractive_glass_modifier_add(shape="MESH")
+    assert len(str(error.value).strip().splitlines()) == 1
+    assert not obj.modifiers
+    ball = _own_mesh(_ball())
+    ball.data.vertices[0].co.x = np.nan
+    bpy.context.view_layer.update()
+    with pytest.raises(RefractiveGlassError, match="no number"):
+        read_glass(ball, scenes.depsgraph())
+
+
+def test_a_mesh_that_cannot_be_read_is_said_and_shown_as_it_is(tmp_path):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(**SIZE)
+    ball = _own_mesh(_ball())
+    ball.data.clear_geometry()
+    scenes.picture(scene, tmp_path)
+    (problem,) = door.status(scene).problems
+    assert f'"{ball.name}"' in problem
+    assert read_input(glass_modifier(ball), "Show in Render")
+
+
+def test_displaced_shading_says_that_it_knows_no_meshes(tmp_path):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(60, 45, samples=1, shading="DISPLACED")
+    ball = _own_mesh(_ball())
+    scenes.glass(shape="CYLINDER", radius=0.02)
+    scenes.picture(scene, tmp_path)
+    assert [p for p in door.status(scene).problems if f'"{ball.name}"' in p and "Displaced" in p]
+    assert read_input(glass_modifier(ball), "Show in Render")
+
+
+def test_open_meshes_are_recognised():
+    ball = _ball(segments=8)
+    assert open_edges(ball.data) == (0, 0)
+    bpy.ops.mesh.primitive_plane_add()
+    assert open_edges(bpy.context.object.data) == (4, 0)
+
+
+def test_subdivision_is_taken_as_renders_have_it():
+    bpy.ops.mesh.primitive_cube_add(size=0.1)
+    obj = bpy.context.object
+    modifier = obj.modifiers.new("Subdivision", "SUBSURF")
+    modifier.levels, modifier.render_levels = 0, 2
+    _own_mesh(obj)
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(40, 30, samples=1, shading="TRUE", surface="GLASS")
+    sizes = []
+
+    def count(user_scene, depsgraph):
+        if user_scene == scene and depsgraph.mode == "RENDER":
+            sizes.append(len(read_glasses(depsgraph)[0].description.points))
+
+    bpy.app.handlers.frame_change_post.append(count)
+    try:
+        bpy.ops.render.render(scene=scene.name)
+    finally:
+        bpy.app.handlers.frame_change_post.remove(count)
+    assert set(sizes) == {2 * 6 * 4**2}
