@@ -3,7 +3,7 @@
 
 Local frame as in the optics: cylinder, rod and tumbler stand on the origin (z from 0 to the
 height), a sphere is centred, a slab's upper face is the object's own flat mesh and the glass lies
-on the side away from its normal.
+on the side away from its normal, a mesh is the object's own.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from . import shadow
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass"
-SHAPES = ("Slab", "Cylinder", "Rod", "Sphere", "Tumbler", "Revolution")
+SHAPES = ("Slab", "Cylinder", "Rod", "Sphere", "Tumbler", "Revolution", "Mesh")
+CORNER_NORMAL = "rg_corner_normal"
+"""Attribute of a mesh's loose points that renders leave out: the normal of a triangle's corner."""
 SHARP = 0.8
 """Radians between the normals on both sides of an edge that is a rim."""
 
@@ -49,7 +51,9 @@ def build():
     menu.enum_items.clear()
     for name in SHAPES:
         menu.enum_items.new(name)
-    for name, made in zip(SHAPES, (slab, tube, rod, sphere, tumbler, turned), strict=True):
+    own = group.outputs["Geometry"]
+    made_by_shape = (slab, tube, rod, sphere, tumbler, turned, own)
+    for name, made in zip(SHAPES, made_by_shape, strict=True):
         b.link(made, menu.inputs[name])
     b.link(group.outputs["Shape"], menu.inputs["Menu"])
     shape_socket = next(i for i in b.tree.interface.items_tree if i.name == "Shape")
@@ -58,6 +62,8 @@ def build():
     material = b.node("SetMaterial")
     b.link(menu.outputs["Output"], material.inputs["Geometry"])
     b.link(group.outputs["Material"], material.inputs["Material"])
+    is_mesh = menu.outputs["Mesh"]
+    dressed = b.switch("GEOMETRY", is_mesh, material.outputs[0], menu.outputs["Output"])
 
     # In a render the refracted picture stands in the glass's place, so the mesh keeps out of it.
     shown = b.node("FunctionNodeBooleanMath", operation="OR")
@@ -66,8 +72,8 @@ def build():
     mesh = b.switch(
         "GEOMETRY",
         only_edges.outputs[0],
-        material.outputs[0],
-        _edges(b, menu.outputs["Output"]),
+        dressed,
+        _with_corners(b, _edges(b, menu.outputs["Output"]), is_mesh, own),
     )
     unshown = b.switch(
         "GEOMETRY",
@@ -75,10 +81,49 @@ def build():
         _nothing(b),
         shadow.cast(b, menu.outputs["Output"], group, _is_solid(b, menu, wall)),
     )
+    unshown = _with_corners(b, unshown, is_mesh, own)
     out = b.switch("GEOMETRY", shown.outputs[0], unshown, mesh)
     end = b.node("NodeGroupOutput")
     b.link(out, end.inputs[0])
     return b.tree
+
+
+def _with_corners(b: TreeBuilder, shown, is_mesh, own):
+    """What is shown, and of a glass that is a mesh the corners of its triangles as loose points.
+
+    No engine draws loose points of a mesh; the extension reads the glass from them. Three in a row
+    are a triangle.
+    """
+    realised = b.node("RealizeInstances")
+    b.link(own, realised.inputs["Geometry"])
+    triangles = b.node("Triangulate")
+    b.link(realised.outputs[0], triangles.inputs["Mesh"])
+    size = b.node("AttributeDomainSize", component="MESH")
+    b.link(triangles.outputs[0], size.inputs["Geometry"])
+    row = b.node("MeshLine", mode="OFFSET")
+    b.link(size.outputs["Face Corner Count"], row.inputs["Count"])
+    loose = b.node("DeleteGeometry", domain="EDGE", mode="EDGE_FACE")
+    b.link(row.outputs[0], loose.inputs["Geometry"])
+
+    def of_corner(value):
+        found = b.node("SampleIndex", data_type="FLOAT_VECTOR", domain="CORNER")
+        b.link(triangles.outputs[0], found.inputs["Geometry"])
+        b.link(value, found.inputs["Value"])
+        b.link(b.node("InputIndex").outputs[0], found.inputs["Index"])
+        return found.outputs[0]
+
+    place = b.node("SetPosition")
+    b.link(loose.outputs[0], place.inputs["Geometry"])
+    b.link(of_corner(b.node("InputPosition").outputs[0]), place.inputs["Position"])
+    store = b.node("StoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
+    b.link(place.outputs[0], store.inputs["Geometry"])
+    store.inputs["Name"].default_value = CORNER_NORMAL
+    normal = of_corner(b.node("InputNormal").outputs["Normal"])
+    b.link(normal, enabled(store.inputs, "Value"))
+    both = b.node("JoinGeometry")
+    b.link(store.outputs[0], both.inputs[0])
+    b.link(shown, both.inputs[0])
+    return b.switch("GEOMETRY", is_mesh, shown, both.outputs[0])
 
 
 def _is_solid(b: TreeBuilder, menu, wall):
@@ -177,6 +222,13 @@ def _interface(b: TreeBuilder) -> None:
             description=f"How far light runs through {of} until it has the colour above",
         )
     b.socket(
+        "Priority",
+        "Int",
+        default=0,
+        description="Where glasses overlap, the one of the highest priority is there; of equal "
+        "ones the one that light enters first",
+    )
+    b.socket(
         "Casts Shadow",
         "Bool",
         default=False,
@@ -188,7 +240,11 @@ def _interface(b: TreeBuilder) -> None:
         "Collection",
         description="Only objects of this collection are seen through the glass; empty: everything",
     )
-    b.socket("Material", "Material", description="Of the mesh, where it is shown as a mesh")
+    b.socket(
+        "Material",
+        "Material",
+        description="Of what is shown as a mesh; a glass that is a mesh has materials of its own",
+    )
     b.socket(
         "Segments",
         "Int",

@@ -21,7 +21,7 @@ from .laws import fresnel, reflect, refract
 from .lengths import path_lengths
 from .media import MEDIA
 from .paths import LightPath, ParallelView
-from .placed import PlacedGlass, PlacedMesh
+from .placed import Placed, PlacedGlass, PlacedMesh
 from .revolution import RevolutionGlass
 from .tracing import TracedRays, trace
 from .tumbler import Tumbler
@@ -38,6 +38,7 @@ __all__ = [
     "LightPath",
     "Pair",
     "ParallelView",
+    "Placed",
     "PlacedGlass",
     "PlacedMesh",
     "RayEnds",

@@ -278,11 +278,12 @@ def nearest_marked(glass: BoundedGlass, medium: int, rays: Rays) -> tuple:
     met = np.full(len(rays.place[0]), -1, dtype=np.intp)
     least = np.full(len(met), np.inf)
     marks = np.zeros(len(met))
-    for number, interface in glass.around(medium):
+    # Profiles last: what lies behind another interface need not be looked for on them.
+    for number, interface in sorted(glass.around(medium), key=lambda part: _costs(part[1])):
         surface, back = interface.surface, interface.back == medium
         spot = None
         if isinstance(surface, Profile):
-            way, ahead, (_, spot) = surface.meet_at(rays, back)
+            way, ahead, (_, spot) = surface.meet_at(rays, back, limit=least)
         else:
             way, ahead = surface.meet(rays, back)
         closer = np.flatnonzero(ahead & (way < least))
@@ -295,6 +296,12 @@ def nearest_marked(glass: BoundedGlass, medium: int, rays: Rays) -> tuple:
         if spot is not None:
             marks[closer] = spot[closer]
     return met, np.where(met >= 0, np.maximum(least, 0.0), 0.0), marks
+
+
+def _costs(interface: Interface) -> int:
+    """How much there is to look through for a meeting."""
+    surface = interface.surface
+    return surface.chords.shape[1] if isinstance(surface, Profile) else 0
 
 
 def follow(

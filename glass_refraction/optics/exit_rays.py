@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from .axial import ENDLESS, PLAIN, nearest_marked
 from .facets import bent, facet_shares, fold, visible_facets
 from .laws import reflectance_and_cosine
-from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, PlacedMesh
+from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, PlacedMesh, surface_depths
 from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import Floats, Rays
@@ -47,7 +47,8 @@ class ExitRays:
     weight : (K,)
         Share of the ray's light, absorption not counted.
     depth : (K, 3)
-        Optical depth of all media passed, up to the thing seen: ``exp(-depth)`` gets through.
+        Optical depth of all media and tinted surfaces passed, up to the thing seen:
+        ``exp(-depth)`` gets through.
     origin : (K, 3)
         Last interface point in the world, metres; the ray's own origin if it met none.
     direction : (K, 3)
@@ -179,6 +180,7 @@ class _Followed:
         self.meshes = [n for n, glass in enumerate(self.glasses) if isinstance(glass, PlacedMesh)]
         self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
         self.rough = bool(self.alpha.any())
+        self.tints = surface_depths(self.glasses)
         boxes = [self.glasses[number].box for number in self.meshes]
         self.mesh_boxes = None
         if boxes and not any(box is None for box in boxes):
@@ -402,6 +404,9 @@ class _Followed:
         through = self._child(live, on, turned, weights[0])
         through.medium, through.entered = met.after[:, on], crossing.entered[:, on]
         off = self._child(live, back, units(mirrored), weights[1])
+        if self.tints is not None:
+            through.depth += np.where(straight, 0.0, self.tints[0, met.glass].T)[:, on]
+            off.depth += self.tints[1, met.glass[back]].T
         if self.meshes:
             # Off all faces met here, which float32 puts a little before the place or behind it.
             through.place -= CLEARANCE * near[on] * flat[:, on]

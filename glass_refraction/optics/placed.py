@@ -130,6 +130,9 @@ class PlacedMesh:
         As of `PlacedGlass`.
     box : (2, 3), optional
         Lower and upper corner of a box round it in the world, metres: other rays are not asked for.
+    tints : (2, 3), optional
+        Parts of the light, red, green, blue, that get through where it is refracted at a surface,
+        and where it is reflected, beside Fresnel's law. None: all.
     """
 
     ior: float
@@ -137,6 +140,7 @@ class PlacedMesh:
     priority: int = 0
     roughness: float = 0.0
     box: ArrayLike | None = None
+    tints: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ior", _positive("ior", self.ior))
@@ -151,6 +155,19 @@ class PlacedMesh:
     def absorptions(self) -> ArrayLike | None:
         """Of each of `media`, per metre."""
         return None if self.absorption is None else np.array([(0.0, 0.0, 0.0), self.absorption])
+
+
+DARKEST = 1e-6
+"""Part of the light that a black surface lets through: its logarithm is finite."""
+
+
+def surface_depths(glasses: Sequence[Placed]) -> Floats | None:
+    """Optical depths (2, G, 3) of refraction and reflection at each surface; None: no tint."""
+    depths = np.zeros((2, len(glasses), 3))
+    for number, glass in enumerate(glasses):
+        if isinstance(glass, PlacedMesh) and glass.tints is not None:
+            depths[:, number] = -np.log(np.clip(np.asarray(glass.tints, float), DARKEST, 1.0))
+    return depths if depths.any() else None
 
 
 RIGID = 1e-5

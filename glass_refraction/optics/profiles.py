@@ -39,6 +39,10 @@ EXACT = 1e-8
 WIDE = 1e6
 """Way beyond which nothing of a profile lies."""
 
+FLAT_MEETING = 0.05
+"""How far a ray's meetings with a curve and with its cones may lie apart, in units of the profile:
+more than √(2 · SAG), where it just grazes."""
+
 PAIRS = 1 << 16
 """Pairs of rays and cones looked at at once."""
 
@@ -179,15 +183,16 @@ class Profile:
         way, ahead, _ = self.meet_at(rays, back, mark)
         return way, ahead
 
-    def meet_at(self, rays: Rays, back: bool, mark=None):
+    def meet_at(self, rays: Rays, back: bool, mark=None, limit=math.inf):
         """The way to the interface, whether it is ahead, and its mark (2, M): s and t.
 
-        `mark`: a meeting of a ray nearby, to start from. Without, the nearest is looked for.
+        `mark`: a meeting of a ray nearby, to start from. Without, the nearest is looked for, and
+        found if it lies within `limit`, a way or one for each ray.
         """
         # Rays that meet nothing may overflow.
         with np.errstate(all="ignore"):
             if mark is None:
-                return self._found(rays, back, *self._search(rays, back))
+                return self._found(rays, back, *self._search(rays, back, limit))
             way, t, exact = self._refine(rays, mark[0], mark[1])
             return self._told(rays, way, t, exact, back)
 
@@ -253,20 +258,21 @@ class Profile:
             parts = [part[going] for part in parts]
         return way, t, rests
 
-    def _search(self, rays: Rays, back: bool):
+    def _search(self, rays: Rays, back: bool, limit):
         """Mark of the nearest meeting with the chain of cones, and which rays have one."""
         rays = Rays(
             *(np.broadcast_arrays(*parts, *rays.place)[:3] for parts in (rays.place, rays.momentum))
         )
         total = len(rays.place[0])
+        limit = np.broadcast_to(limit, total)
         mark, found = np.zeros((2, total)), np.zeros(total, dtype=bool)
         size = max(1, PAIRS // max(1, self.chords.shape[1]))
         for begin in range(0, total, size):
             some = slice(begin, begin + size)
-            mark[:, some], found[some] = self._nearest_cone(rays.take(some), back)
+            mark[:, some], found[some] = self._nearest_cone(rays.take(some), back, limit[some])
         return mark, found
 
-    def _nearest_cone(self, rays: Rays, back: bool):
+    def _nearest_cone(self, rays: Rays, back: bool, limit: Floats):
         x, y, z = rays.place
         px, py, pz = rays.momentum
         p2 = np.maximum(px * px + py * py, LEAST)
@@ -278,7 +284,7 @@ class Profile:
         root = np.sqrt(np.maximum(square, 0.0))
         enters = np.maximum((-outward - root) / p2, 0.0) - NEAR
         leaves = np.minimum((root - outward) / p2, WIDE)
-        leaves = np.where(p2 > 1e-12, leaves, WIDE)
+        leaves = np.minimum(np.where(p2 > 1e-12, leaves, WIDE), limit + FLAT_MEETING)
         begin, end = z + enters * pz, z + leaves * pz
         low, high = np.minimum(begin, end), np.maximum(begin, end)
         nearest = np.where(outward < 0.0, np.abs(ell) / np.sqrt(p2), np.sqrt(x * x + y * y))
@@ -312,14 +318,16 @@ class Profile:
             size = np.sqrt(at_x * at_x + at_y * at_y)
             radius = size - r0
             along = (radius * dr + height * dz) * per
-            across = radius * dz - height * dr
-            towards = dz * (at_x * px + at_y * py) - dr * pz * size
-            hit = real & (along >= -NEAR) & (along <= 1.0 + NEAR) & (way > -1e-6)
-            hit &= (towards > 0.0) if back else (towards < 0.0)
-            hit &= np.abs(across) < 1e-6 * (1.0 + np.abs(way))
-            closer = hit & (way < least)
-            least = np.where(closer, way, least)
-            tau = np.where(closer, along, tau)
+            hit = real & (along >= -NEAR) & (along <= 1.0 + NEAR) & (way > -1e-6) & (way < least)
+            # Few are met between the cone's ends: the rest is for those only.
+            some = np.flatnonzero(hit)
+            across = radius[some] * dz[some] - height[some] * dr[some]
+            inward = at_x[some] * px[some] + at_y[some] * py[some]
+            towards = dz[some] * inward - slope[some] * size[some]
+            hit = (towards > 0.0) if back else (towards < 0.0)
+            hit &= np.abs(across) < 1e-6 * (1.0 + np.abs(way[some]))
+            some = some[hit]
+            least[some], tau[some] = way[some], along[some]
         total = len(rays.place[0])
         mark, found = np.zeros((2, total)), np.zeros(total, dtype=bool)
         some = np.flatnonzero(np.isfinite(least))

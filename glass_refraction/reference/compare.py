@@ -15,6 +15,7 @@ import numpy as np
 from ..scene.build.own_scenes import find_own_scenes
 from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import read_glasses
+from ..scene.read.mesh_glasses import MeshGlass
 from ..scene.read.viewpoint import border_window, read_viewpoint
 from ..scene.update import Status, effective_shading, kept_paths, memory_of, status
 from ..scene.vertices.path_keys import path_key, path_of
@@ -161,6 +162,7 @@ def _path_names(scene: bpy.types.Scene, found: Status) -> list[str]:
     names = (
         path_key(path)
         for glass in read_glasses(depsgraph, [])
+        if not isinstance(glass.description, MeshGlass)
         for path in kept_paths(scene, glass, view)
     )
     return list(dict.fromkeys(names))

@@ -13,7 +13,9 @@ from mathutils import Matrix
 from .. import optics
 from ..scene.build.shaders import math_node
 from ..scene.names import TAG, RefractiveGlassError, own
-from ..scene.read.glasses import Glass, read_glasses
+from ..scene.read.glasses import Glass, glass_modifier, read_glasses
+from ..scene.read.mesh_glasses import CLEAR, MeshGlass
+from ..scene.read.modifier_inputs import read_input, write_input
 from .glass_mesh import Surface, glass_surfaces
 from .picture import render_picture
 
@@ -83,14 +85,17 @@ def render_reference(
             surface=surface,
             glass_shadows=glass_shadows,
         )
-    hidden = [scene.objects[glass.name] for glass in glasses if glass.name in scene.objects]
+    closed, meshes = _objects(glasses)
     with _reference_scene(scene) as reference, ExitStack() as temporary:
-        for obj in hidden:
-            temporary.callback(setattr, obj, "hide_render", obj.hide_render)
-            obj.hide_render = True
+        for obj in closed:
+            _set(temporary, obj, "hide_render", True)
         _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)
         materials: dict[tuple, bpy.types.Material] = {}
+        for obj, glass in meshes.items():
+            _show_mesh(obj, glass, surface, glass_shadows, materials, temporary)
         for glass in glasses:
+            if isinstance(glass.description, MeshGlass):
+                continue
             obj = _glass_object(glass, surface, glass_shadows, materials, temporary)
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
             reference.collection.objects.link(obj)
@@ -99,12 +104,57 @@ def render_reference(
 
 def render_direct(scene: bpy.types.Scene) -> np.ndarray:
     """The scene's current frame without its glasses, by its own engine: (H, W, 4) as above."""
-    hidden = [scene.objects[g.name] for g in read_glasses(scene_depsgraph(scene), [])]
+    closed, meshes = _objects(read_glasses(scene_depsgraph(scene), []))
     with _reference_scene(scene) as direct, ExitStack() as temporary:
-        for obj in hidden:
-            temporary.callback(setattr, obj, "hide_render", obj.hide_render)
-            obj.hide_render = True
+        for obj in (*closed, *meshes):
+            _set(temporary, obj, "hide_render", True)
         return render_picture(direct)
+
+
+def _objects(
+    glasses: Sequence[Glass],
+) -> tuple[list[bpy.types.Object], dict[bpy.types.Object, Glass]]:
+    """The objects of glasses of closed form, and those of meshes with the glass, each once."""
+    found = {glass.name: glass for glass in glasses}
+    pairs = [(bpy.data.objects.get(name), glass) for name, glass in found.items()]
+    pairs = [(obj, glass) for obj, glass in pairs if obj is not None]
+    closed = [obj for obj, glass in pairs if not isinstance(glass.description, MeshGlass)]
+    return closed, {obj: glass for obj, glass in pairs if obj not in closed}
+
+
+def _set(temporary: ExitStack, owner, name: str, value) -> None:
+    """Set a property until ``temporary`` ends."""
+    temporary.callback(setattr, owner, name, getattr(owner, name))
+    setattr(owner, name, value)
+
+
+def _show_mesh(
+    obj: bpy.types.Object,
+    glass: Glass,
+    surface: str,
+    glass_shadows: bool,
+    materials: dict[tuple, bpy.types.Material],
+    temporary: ExitStack,
+) -> None:
+    """Have a glass that is a mesh rendered as its own object, of the reference's material."""
+    modifier = glass_modifier(obj)
+    shown = read_input(modifier, "Show in Render")
+    temporary.callback(write_input, modifier, "Show in Render", shown)
+    write_input(modifier, "Show in Render", True)
+    mesh = glass.description
+    absorption = glass.absorption if glass.is_tinted else (None, None)
+    kind = (mesh.ior, *absorption, mesh.roughness, mesh.refracted)
+    if kind not in materials:
+        materials[kind] = _glass_material(surface, glass_shadows, *kind)
+        temporary.callback(bpy.data.materials.remove, materials[kind])
+    if not obj.material_slots:
+        obj.data.materials.append(materials[kind])
+        temporary.callback(obj.data.materials.pop)
+    for slot in obj.material_slots:
+        _set(temporary, slot, "link", "OBJECT")
+        _set(temporary, slot, "material", materials[kind])
+    _set(temporary, obj, "visible_shadow", glass_shadows)
+    _set(temporary, obj, "visible_diffuse", glass_shadows)
 
 
 def _dispersed(scene: bpy.types.Scene, glasses: Sequence[Glass], **settings) -> np.ndarray:
@@ -298,7 +348,13 @@ def _fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
 
 
 def _glass_material(
-    surface: str, glass_shadows: bool, eta: float, before: tuple | None, behind: tuple | None
+    surface: str,
+    glass_shadows: bool,
+    eta: float,
+    before: tuple | None,
+    behind: tuple | None,
+    roughness: float = 0.0,
+    colour: tuple[float, float, float] = CLEAR,
 ) -> bpy.types.Material:
     """A clear material whose back is ``eta`` times as dense as its front.
 
@@ -310,11 +366,11 @@ def _glass_material(
     tree = material.node_tree
     tree.nodes.clear()
     shader = tree.nodes.new(SURFACES[surface])
-    shader.inputs["Color"].default_value = (1, 1, 1, 1)
-    shader.inputs["Roughness"].default_value = 0
+    shader.inputs["Color"].default_value = (*colour, 1.0)
+    shader.inputs["Roughness"].default_value = roughness
     shader.inputs["IOR"].default_value = eta
     if before is not None:
-        tree.links.new(_left_over(tree, before, behind), shader.inputs["Color"])
+        tree.links.new(_left_over(tree, before, behind, colour), shader.inputs["Color"])
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     if glass_shadows:
         tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
@@ -334,8 +390,13 @@ def _glass_material(
     return material
 
 
-def _left_over(tree: bpy.types.NodeTree, before: tuple, behind: tuple) -> bpy.types.NodeSocket:
-    """Beer and Lambert's law for the way since the last surface, without a volume's noise."""
+def _left_over(
+    tree: bpy.types.NodeTree, before: tuple, behind: tuple, colour: tuple[float, float, float]
+) -> bpy.types.NodeSocket:
+    """Beer and Lambert's law for the way since the last surface, without a volume's noise.
+
+    What is left is multiplied by the surface's colour.
+    """
     side = tree.nodes.new("ShaderNodeNewGeometry")
     ray = tree.nodes.new("ShaderNodeLightPath")
     join = tree.nodes.new("ShaderNodeCombineColor")
@@ -344,5 +405,6 @@ def _left_over(tree: bpy.types.NodeTree, before: tuple, behind: tuple) -> bpy.ty
             tree, "MULTIPLY_ADD", side.outputs["Backfacing"], front - back, -front
         )
         depth = math_node(tree, "MULTIPLY", coefficient, ray.outputs["Ray Length"])
-        tree.links.new(math_node(tree, "EXPONENT", depth), join.inputs[channel])
+        left = math_node(tree, "MULTIPLY", math_node(tree, "EXPONENT", depth), colour[channel])
+        tree.links.new(left, join.inputs[channel])
     return join.outputs["Color"]

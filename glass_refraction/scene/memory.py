@@ -13,7 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     from .. import optics
     from .plan import Plan
-    from .rays.caster import Caster
+    from .rays.caster import Casters
     from .rays.follow import Kept
     from .rays.frame import ViewReport
     from .read.glasses import Glass
@@ -79,7 +79,7 @@ class Memory:
     centre : the rendered frame's own time, once it is known; motion blur asks for others round it.
     moments : time -> where the vertices of each copy are then.
     paths : glass and colour -> the paths that are kept.
-    caster : of rays, which knows what stands in its target.
+    casters : of rays, which know what stands in their targets.
     kept : ways of rays that the next frame may use.
     covered : (height, width) pixels of the last picture that a glass covers, in True shading.
     """
@@ -97,7 +97,7 @@ class Memory:
     paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
     standing: list[str] = field(default_factory=list)
     """What was wrong when the scene was prepared; a frame's own problems come on top."""
-    caster: Caster | None = None
+    casters: Casters | None = None
     covered: np.ndarray | None = None
     kept: Kept | None = None
     status: Status = field(default_factory=Status)

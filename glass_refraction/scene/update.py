@@ -27,7 +27,13 @@ from .changes import generation
 from .memory import Status, Step, counters, forget, memory_of, status
 from .names import RefractiveGlassError
 from .rays import true
-from .read.glasses import glass_modifier, glass_objects, read_glass
+from .read.glasses import (
+    glass_modifier,
+    glass_objects,
+    instanced_glasses,
+    is_mesh_glass,
+    read_glass,
+)
 from .read.modifier_inputs import write_input
 from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
@@ -85,8 +91,17 @@ def prepare(
     _check_scene(scene)
     view_layer = rendered_layer(scene)
     problems: list[str] = []
-    glasses = _editable(glass_objects(view_layer, ever=True), problems)
-    problems += _instanced(scene)
+    placed = glass_objects(view_layer, ever=True)
+    instanced = instanced_glasses(scene, depsgraph)
+    glasses = _editable(placed, problems)
+    if effective_shading(scene) == "TRUE":
+        glasses += _editable(instanced, problems)
+    else:
+        for obj in instanced:
+            if obj.is_editable:
+                _show_mesh(scene, obj, True)
+        glasses = _closed_forms(glasses, instanced, problems)
+    shown_as_meshes = [obj for obj in placed if obj not in glasses and obj.is_editable]
     if strict and not glasses:
         raise RefractiveGlassError(
             " ".join(problems)
@@ -113,6 +128,8 @@ def prepare(
     status(scene).problems = problems
     for obj in glasses:
         _show_mesh(scene, obj, not _can_be_read(obj, depsgraph))
+    for obj in shown_as_meshes:
+        _show_mesh(scene, obj, True)
     if not rendering:
         free_leftovers()
 
@@ -162,20 +179,22 @@ def _editable(glasses: list[bpy.types.Object], problems: list[str]) -> list[bpy.
     return found
 
 
-def _instanced(scene: bpy.types.Scene) -> list[str]:
-    """A line for each glass that only instances of its collection show."""
-    here = set(scene.objects)
-    found: dict[bpy.types.Object, str] = {}
-    for empty in scene.objects:
-        collection = empty.instance_collection if empty.type == "EMPTY" else None
-        for obj in collection.all_objects if collection is not None else ():
-            if obj.type == "MESH" and obj not in here and glass_modifier(obj) is not None:
-                found[obj] = empty.name
-    return [
-        f'Glass "{obj.name}" is instanced by "{name}" and shown as a mesh: make the instance real '
-        "(Object > Apply > Make Instances Real)"
-        for obj, name in found.items()
-    ]
+def _closed_forms(
+    glasses: list[bpy.types.Object], instanced: list[bpy.types.Object], problems: list[str]
+) -> list[bpy.types.Object]:
+    """The glasses that displaced copies can show; a line for each of the others."""
+    for obj in instanced:
+        problems.append(
+            f'Glass "{obj.name}" is instanced and Displaced shading shows it as a mesh: choose '
+            "True shading (Render Properties), or make the instance real (Object > Apply)"
+        )
+    for obj in glasses:
+        if is_mesh_glass(obj):
+            problems.append(
+                f'Glass "{obj.name}" is a mesh, which Displaced shading does not know: choose True '
+                "shading (Render Properties)"
+            )
+    return [obj for obj in glasses if not is_mesh_glass(obj)]
 
 
 def _can_be_read(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
@@ -201,8 +220,11 @@ def remove(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
     remove_own_scenes(scene)
     if not rendering:
         free_leftovers()
-    for obj in scene.objects:
-        if obj.type == "MESH" and obj.is_editable and glass_modifier(obj) is not None:
+    for obj in bpy.data.objects:
+        if obj.type != "MESH" or not obj.is_editable or glass_modifier(obj) is None:
+            continue
+        # One that stands in no scene is shown by instances.
+        if obj.name in scene.objects or not obj.users_scene:
             _show_mesh(scene, obj, True)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_iface as _iface
 from bpy.app.translations import pgettext_rpt as _rpt
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
@@ -16,6 +17,7 @@ from ..scene.build.materials import glass_material
 from ..scene.names import MODIFIER, RefractiveGlassError, load_group, own
 from ..scene.read.arrays import positions
 from ..scene.read.glasses import glass_modifier
+from ..scene.read.mesh_glasses import interface_of, open_edges, triangles_of
 from ..scene.read.modifier_inputs import write_input
 from ..scene.read.profile_curves import wine_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
@@ -33,9 +35,16 @@ SHAPES = (
         "A profile curve turned about the upright axis: a wine glass, a carafe, a lens",
     ),
 )
+OWN_MESH = (
+    "MESH",
+    "Mesh",
+    "The object's own mesh with its modifiers, closed, or open as Cycles treats it",
+)
 
 HIGH = {"CYLINDER", "ROD", "TUMBLER"}
 """Shapes that have a height."""
+WITHOUT_CONTENTS = {"ROD", "MESH"}
+"""Shapes that hold nothing of their own."""
 
 MIN_LENGTH, MAX_LENGTH = 1e-6, 1e6
 """Metres. Beyond, Blender's own float32 meshes lose their shape."""
@@ -140,12 +149,13 @@ class GlassProperties:
         """What is wrong with the values, as one line, or None."""
         lengths = {}
         turned = self.shape == "REVOLUTION"
+        has_size = self.shape not in {"REVOLUTION", "MESH"}
         curve = bpy.data.objects.get(self.profile)
         if turned and self.profile and (curve is None or curve.type != "CURVE"):
             return _rpt('"{}" is no curve object: choose one as the profile').format(self.profile)
-        if not turned and (self.shape != "SLAB" or self.makes_outline):
+        if has_size and (self.shape != "SLAB" or self.makes_outline):
             lengths["Radius"] = self.radius
-        if self.shape != "ROD" and not turned:
+        if has_size and self.shape != "ROD":
             lengths["Wall thickness"] = self.wall_thickness
         if self.shape in HIGH:
             lengths["Height"] = self.height
@@ -158,7 +168,7 @@ class GlassProperties:
                     _rpt(name), value, MIN_LENGTH, MAX_LENGTH
                 )
         iors = {"IOR": self.ior}
-        if self.shape != "ROD":
+        if self.shape not in WITHOUT_CONTENTS:
             iors["Contents IOR"] = self.contents_ior
         for name, value in iors.items():
             if not (0 < value <= MAX_IOR):
@@ -183,6 +193,9 @@ class GlassProperties:
         modifier = obj.modifiers.new(MODIFIER, "NODES")
         modifier.node_group = group
         write_input(modifier, "Shape", self.shape.title())
+        material = glass_material(self.ior)
+        if self.shape == "MESH" and not obj.material_slots:
+            obj.data.materials.append(material)
         for socket, value in (
             ("Radius", self.radius),
             ("Wall Thickness", self.wall_thickness),
@@ -191,7 +204,7 @@ class GlassProperties:
             ("Liquid Level", self.liquid_level),
             ("IOR", self.ior),
             ("Contents IOR", self.contents_ior),
-            ("Material", glass_material(self.ior)),
+            ("Material", material),
         ):
             write_input(modifier, socket, value)
         if self.shape == "REVOLUTION":
@@ -205,13 +218,13 @@ class GlassProperties:
         layout.use_property_decorate = False
         layout.prop(self, "shape")
         column = layout.column(align=True)
-        turned = self.shape == "REVOLUTION"
-        if turned:
+        has_size = self.shape not in {"REVOLUTION", "MESH"}
+        if self.shape == "REVOLUTION":
             column.prop_search(self, "profile", bpy.data, "objects")
             column.prop(self, "liquid_level")
-        elif self.shape != "SLAB" or self.makes_outline:
+        elif has_size and (self.shape != "SLAB" or self.makes_outline):
             column.prop(self, "radius")
-        if self.shape != "ROD" and not turned:
+        if has_size and self.shape != "ROD":
             column.prop(self, "wall_thickness")
         if self.shape in HIGH:
             column.prop(self, "height")
@@ -219,7 +232,7 @@ class GlassProperties:
             column.prop(self, "bottom_thickness")
             column.prop(self, "liquid_level")
         self._draw_medium("medium", "ior", "Medium")
-        if self.shape != "ROD":
+        if self.shape not in WITHOUT_CONTENTS:
             label = "Behind" if self.shape == "SLAB" else "Contents"
             self._draw_medium("contents", "contents_ior", label)
 
@@ -272,11 +285,18 @@ class OBJECT_OT_refractive_glass_add(bpy.types.Operator, AddObjectHelper, GlassP
 
 
 class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassProperties):
-    """Make the active mesh object a glass of its size, through which objects are seen refracted"""
+    """Make the active mesh object a glass, through which objects are seen refracted"""
 
     bl_idname = "object.refractive_glass_modifier_add"
     bl_label = "Make Refractive Glass"
     bl_options = {"REGISTER", "UNDO"}
+
+    shape: bpy.props.EnumProperty(
+        name="Shape",
+        description="What the glass is; if none is chosen a flat mesh is a slab, any other a mesh",
+        items=(*SHAPES, OWN_MESH),
+        default="MESH",
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -286,11 +306,6 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             return False
         return _can_edit(cls, context)
 
-    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
-        if not self.properties.is_property_set("shape"):
-            self.shape = "SLAB" if _is_flat(context.object) else "CYLINDER"
-        return self.execute(context)
-
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj = context.object
         problem = None
@@ -298,22 +313,43 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             problem = _rpt('"{}" is linked from a library: make it local first').format(obj.name)
         elif glass_modifier(obj) is not None:
             problem = _rpt('"{}" is a refractive glass already').format(obj.name)
-        elif self.shape == "SLAB" and not _is_flat(obj):
-            problem = _rpt(
-                '"{}" is not flat: a slab takes a flat mesh with a face as its outline'
-            ).format(obj.name)
         else:
-            self._take_size(obj)
-            self.take_media()
-            problem = self.problem()
-            if problem is not None:
-                problem = f'"{obj.name}": {problem}'
+            evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+            if not self.properties.is_property_set("shape"):
+                self.shape = "SLAB" if _is_flat(evaluated) else "MESH"
+            problem = self._problem_of(obj, evaluated)
         if problem is not None:
             self.report({"ERROR"}, problem)
             return {"CANCELLED"}
         self.apply(obj, load_group(MODIFIER))
+        kind = next(item for item in (*SHAPES, OWN_MESH) if item[0] == self.shape)
+        if self.shape == "MESH":
+            said = _rpt('"{}" is a glass: its own mesh')
+            if any(open_edges(evaluated.data)):
+                said = _rpt('"{}" is a glass: its own mesh, which is not closed (see its panel)')
+        else:
+            said = _rpt('"{}" is a glass in place of its mesh: {}')
+        self.report({"INFO"}, said.format(obj.name, _iface(kind[1])))
         show_first_glass(context)
         return {"FINISHED"}
+
+    def _problem_of(self, obj: bpy.types.Object, evaluated: bpy.types.Object) -> str | None:
+        """What keeps the object from being a glass of the shape; takes size and ior where not."""
+        if self.shape == "SLAB" and not _is_flat(obj):
+            return _rpt(
+                '"{}" is not flat: a slab takes a flat mesh with a face as its outline'
+            ).format(obj.name)
+        if self.shape == "MESH":
+            try:
+                triangles_of(evaluated.data)
+            except ValueError as error:
+                return f'"{obj.name}": {error}'
+            if not self.properties.is_property_set("ior"):
+                self.ior = interface_of(evaluated, self.ior).ior
+        self._take_size(obj)
+        self.take_media()
+        problem = self.problem()
+        return None if problem is None else f'"{obj.name}": {problem}'
 
     def _take_size(self, obj: bpy.types.Object) -> None:
         """Give what was not asked for the size of the object's mesh."""

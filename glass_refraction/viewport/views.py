@@ -19,7 +19,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..scene.changes import generation
-from ..scene.read.glasses import glass_modifier
+from ..scene.read.glasses import glass_modifier, glass_objects
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
 from .model import Model
@@ -250,10 +250,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         view.problems = model.problems + _unmarked(layer, True)
         if model.glasses:
             captures.arrange(model.glasses, looks, model.boxes)
-            captures.outdate()
     elif view.stamp[1:2] != (looks,) and model.glasses:
         captures.arrange(model.glasses, looks, model.boxes)
-        captures.outdate()
     if not model.glasses:
         return
     turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
@@ -263,7 +261,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.eye = eye
     python += time.perf_counter()
     view.waits = False
-    changed = painter.direct.read(view.framebuffer, eye, model.frame.unit)
+    changed = painter.direct.read(view.framebuffer, eye, model.frame)
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.perf_counter()
@@ -284,8 +282,9 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         # Else the engine only refines what it shows: what is there stays until better is done.
         view.stage = MOVING
         _ask_for_rest()
-    painter.show(view.framebuffer, _backdrop(context))
-    python += time.perf_counter() - view.gpu_seconds
+    selected = any(obj.select_get(view_layer=layer) for obj in glass_objects(layer))
+    painter.show(view.framebuffer, _backdrop(context), lines=selected)
+    python += time.perf_counter() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
     counters["milliseconds"] += view.python_ms
 
@@ -294,7 +293,13 @@ def _describe(view: _View, eye) -> None:
     model = view.model
     model.look_from(eye)
     view.painter.describe(
-        model.block, eye, model.frame, model.glasses, model.within, view.captures.listed()
+        [model.block, *model.bands],
+        eye,
+        model.frame,
+        model.glasses,
+        model.within,
+        view.captures.listed(),
+        model.scene_reach(),
     )
 
 
@@ -318,7 +323,9 @@ def _sample(
     jitter = _jitter(number) if number else (0.0, 0.0)
     pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
     began = time.perf_counter()
-    drawn = painter.sample(jitter, way, view.captures.textures, pixels, edges_of)
+    drawn = painter.sample(
+        jitter, way, view.captures.textures, pixels, edges_of, disperses=seconds is not None
+    )
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
     view.gpu_seconds += spent
@@ -397,8 +404,12 @@ def _unmarked(layer: bpy.types.ViewLayer, wanted: bool) -> list[str]:
     return problems
 
 
-def _mark_shown() -> None:
+def _mark_shown() -> float | None:
+    """Timer; data stay as they are while a render runs."""
+    if bpy.app.is_job_running("RENDER"):
+        return PLAYING_SECONDS
     mark_glasses()
+    return None
 
 
 def _backdrop(context: bpy.types.Context) -> tuple[float, float, float, float]:

@@ -348,6 +348,29 @@ def test_thin_gaps_are_gaps():
         assert (ends.origin[:, 2] > -0.01 - 1e-9).all()
 
 
+def test_cost_grows_with_the_rays_that_meet_glasses_not_with_glasses(monkeypatch):
+    """Interfaces are looked for where a ray passes the ball round their glass, and nowhere else."""
+    module = sys.modules["glass_refraction.optics.exit_rays"]
+    nearest, asked = module.nearest_marked, []
+
+    def counted(body, medium, rays):
+        asked.append(len(rays.place[0]))
+        return nearest(body, medium, rays)
+
+    monkeypatch.setattr(module, "nearest_marked", counted)
+    rng = np.random.default_rng(22)
+    body, eye = BODIES["tumbler"], np.array([0.0, -0.5, 0.3])
+    first = optics.PlacedGlass(body, np.eye(4))
+    directions = rng.uniform(*body.box, (400, 3)) - eye
+    optics.exit_rays([first], eye, directions, min_weight=0.02)
+    alone = sum(asked)
+    asked.clear()
+    # Eleven more, where hardly any ray comes.
+    others = [optics.PlacedGlass(body, moved(5.0 + k, 3.0, 9.0)) for k in range(11)]
+    optics.exit_rays([first, *others], eye, directions, min_weight=0.02)
+    assert alone <= sum(asked) < 1.02 * alone
+
+
 # ---- things -------------------------------------------------------------------------------------
 
 

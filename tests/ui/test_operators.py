@@ -137,7 +137,7 @@ def test_bad_values_leave_the_object_as_it_is(values):
     bpy.context.object.name = "My Pane"
     before = _everything()
     with pytest.raises(RuntimeError, match="My Pane"):
-        bpy.ops.object.refractive_glass_modifier_add(**values)
+        bpy.ops.object.refractive_glass_modifier_add(**{"shape": "CYLINDER", **values})
     assert _everything() == before
     assert len(bpy.context.object.modifiers) == 0
 

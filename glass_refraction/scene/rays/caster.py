@@ -8,13 +8,15 @@ The target's tree of bounding boxes stays until its triangles change.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import bpy
 import numpy as np
 
 from ..build.own_scenes import new_object
 from ..memory import counters
 from ..names import TAG, hidden_name, own
-from .things import Things
+from .things import Triangles
 
 FAR = 1e30
 """Stands for no hit, in units of the caster's scale; float32 holds it."""
@@ -22,6 +24,11 @@ _DIRECTION = "ray"
 """Attribute of the rays' points: their direction; the cast puts its answer there."""
 _FACE = "face"
 """Attribute of the target's triangles: their number."""
+THINGS = "things"
+"""Name of the caster of rays against all that is no glass."""
+MESHES = ("meshes 1", "meshes 2", "meshes 3")
+"""Names of those against glasses that are meshes: meshes that overlap have each its own, as far as
+they go."""
 
 
 class Caster:
@@ -31,28 +38,25 @@ class Caster:
     glasses: what lies far from the world's origin keeps its digits.
     """
 
-    def __init__(self, scene: bpy.types.Scene) -> None:
-        self._scene = scene
-        self._things: Things | None = None
+    def __init__(self, scene: bpy.types.Scene, name: str) -> None:
+        self._scene, self._name = scene, name
+        self._target: Triangles | None = None
         self._centre, self._scale = np.zeros(3), 1.0
 
-    def is_of(self, scene: bpy.types.Scene) -> bool:
-        """Whether this caster works in that own scene."""
-        return self._scene == scene
-
     def _object(self, role: str) -> bpy.types.Object:
-        return next(o for o in self._scene.collection.all_objects if own(o, role))
+        wanted = _role(self._name, role)
+        return next(o for o in self._scene.collection.all_objects if own(o, wanted))
 
-    def aim(self, things: Things, centre: np.ndarray, scale: float) -> None:
+    def aim(self, triangles: Triangles, centre: np.ndarray, scale: float) -> None:
         """Take other triangles as the target, unless they are the same."""
         placed = np.array_equal(centre, self._centre) and scale == self._scale
-        if placed and things.same(self._things):
-            self._things = things
+        if placed and triangles.same(self._target):
+            self._target = triangles
             return
-        self._things, self._centre, self._scale = things, np.array(centre, float), float(scale)
-        local = ((things.points - self._centre) / self._scale).astype(np.float32)
+        self._target, self._centre, self._scale = triangles, np.array(centre, float), float(scale)
+        local = ((triangles.points - self._centre) / self._scale).astype(np.float32)
         target = self._object("target")
-        _fill(target.data, local, things.triangles)
+        _fill(target.data, local, triangles.triangles)
         target.update_tag()
         counters["targets"] += 1
 
@@ -70,7 +74,7 @@ class Caster:
         """
         total = len(origins)
         distances, triangles = np.full(total, np.inf), np.full(total, -1, np.intp)
-        if not total or self._things is None or not len(self._things.triangles):
+        if not total or self._target is None or not len(self._target.triangles):
             return distances, triangles
         counters["casts"] += 1
         counters["cast_rays"] += total
@@ -112,14 +116,38 @@ def _fill(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -> No
     mesh.update(calc_edges=False)
 
 
+@dataclass(frozen=True, eq=False)
+class Casters:
+    """The casters of one scene of the user's.
+
+    Attributes
+    ----------
+    scene : own scene that they work in. things, meshes : see `THINGS` and `MESHES`.
+    """
+
+    scene: bpy.types.Scene
+    things: Caster
+    meshes: tuple[Caster, ...]
+
+    @staticmethod
+    def of(scene: bpy.types.Scene) -> Casters:
+        """Those of an own scene that `fill_cast_collection` has filled."""
+        return Casters(scene, Caster(scene, THINGS), tuple(Caster(scene, n) for n in MESHES))
+
+
 def fill_cast_collection(collection: bpy.types.Collection) -> None:
-    """Put the target, the rays and the node tree that casts them into an own collection."""
-    objects = {
-        role: new_object(role, bpy.data.meshes.new(hidden_name(role)), collection)
-        for role in ("target", "rays")
-    }
-    modifier = objects["rays"].modifiers.new("Raycast", "NODES")
-    modifier.node_group = _cast_tree(objects["target"])
+    """Put each caster's target, rays and node tree that casts them into an own collection."""
+    for name in (THINGS, *MESHES):
+        target, rays = (
+            new_object(role, bpy.data.meshes.new(hidden_name(role)), collection)
+            for role in (_role(name, "target"), _role(name, "rays"))
+        )
+        modifier = rays.modifiers.new("Raycast", "NODES")
+        modifier.node_group = _cast_tree(target)
+
+
+def _role(name: str, part: str) -> str:
+    return f"{part} of {name}"
 
 
 def _cast_tree(target: bpy.types.Object) -> bpy.types.NodeTree:

@@ -154,6 +154,18 @@ def neighbours(rays: PictureRays, size: tuple[int, int]) -> Neighbours:
     return Neighbours(pixel, (ahead_x, ahead_y), (behind_x, behind_y), tuple(inner))
 
 
+def spacing(rays: PictureRays, beside: Neighbours) -> np.ndarray:
+    """(K,) metres between the hits of ways in neighbouring pixels, the lesser of both axes."""
+    points = rays.ways.point
+    found = np.full(len(points), np.inf)
+    for partners in (beside.ahead, beside.behind):
+        for partner in partners:
+            there = np.flatnonzero(partner >= 0)
+            apart = np.linalg.norm(points[there] - points[partner[there]], axis=1)
+            found[there] = np.minimum(found[there], apart)
+    return found
+
+
 def ending(
     rays: PictureRays, beside: Neighbours, shown: Shown, label: np.ndarray, size: tuple[int, int]
 ) -> np.ndarray:

@@ -18,8 +18,9 @@ from ..memory import counters
 from ..read.viewpoint import Viewpoint
 from .caster import Caster
 from .hits import Ways
+from .meshes import GlassMeshes
 
-Band = tuple[tuple[float, float, float], list[optics.PlacedGlass]]
+Band = tuple[tuple[float, float, float], list[optics.Placed]]
 """What light of a band brings to the colours, and the glasses as it finds them."""
 
 CONTACT = 1e-5
@@ -61,12 +62,14 @@ class Follower:
     ----------
     view : the camera. bands : glasses in light of each band.
     caster : of things. boxes : (B, 2, 3) round these. hull : (2, 3) a box round all glasses.
+    meshes : the glasses that are meshes.
     min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
     """
 
     view: Viewpoint
     bands: Sequence[Band]
     caster: Caster
+    meshes: GlassMeshes
     boxes: np.ndarray
     hull: np.ndarray
     min_weight: float
@@ -117,7 +120,10 @@ class Follower:
                 min_weight=self.min_weight,
                 cast=self.caster.cast if things else None,
                 things=self.boxes if things else None,
+                meet=self.meshes.meet if self.meshes else None,
                 fresnel=self.fresnel,
+                pixel=np.repeat(pixels, len(places)),
+                sample=np.tile(np.arange(len(places)), len(pixels)),
             )
             share = float(np.mean(colour))
             met = np.flatnonzero(ends.events > 0)

@@ -13,8 +13,9 @@ import numpy as np
 
 from ... import optics
 from ..read.glasses import Glass, as_body
+from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
-from .caster import Caster
+from .caster import Casters
 from .curtain import curtain
 from .exits import (
     SIDES,
@@ -25,10 +26,12 @@ from .exits import (
     finer_rays,
     grid,
     neighbours,
+    spacing,
     sun_light,
 )
 from .follow import Band, Follower, Kept
 from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
+from .meshes import GlassMeshes
 from .radiance import Sky, known_light, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .things import Things
@@ -132,7 +135,7 @@ class Glints:
     colour: np.ndarray
 
 
-def compute(frame: FrameInput, caster: Caster, room: Room, kept: Kept) -> FrameResult:
+def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> FrameResult:
     """The pictures of one frame.
 
     Parameters
@@ -141,10 +144,11 @@ def compute(frame: FrameInput, caster: Caster, room: Room, kept: Kept) -> FrameR
     """
     bodies = [body for body in map(as_body, frame.glasses) if body is not None]
     centre, scale = _place_and_size(bodies, frame.view)
-    caster.aim(frame.things, centre, scale)
-    scene = Scene(caster, frame.things, sky_is_known=frame.sky.radiance is not None)
+    casters.things.aim(frame.things, centre, scale)
+    meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
+    scene = Scene(casters.things, frame.things, sky_is_known=frame.sky.radiance is not None)
     direct = direct_view(frame.view, frame.region, frame.near)
-    rays, shown, views, glints = _followed(frame, scene, direct, bodies, scale, room, kept)
+    rays, shown, views, glints = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
     return _summed(frame, scene, views, rays, shown, glints)
 
 
@@ -197,6 +201,7 @@ def _followed(
     scene: Scene,
     direct: RadianceView,
     bodies: Sequence[Glass],
+    meshes: GlassMeshes,
     scale: float,
     room: Room,
     kept: Kept,
@@ -209,6 +214,7 @@ def _followed(
         view,
         _bands(frame.glasses),
         scene.caster,
+        meshes,
         _boxes(frame.things),
         _hull(bodies),
         frame.min_weight,
@@ -218,12 +224,20 @@ def _followed(
     kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
     coarse = centre_rays(pixels, follower)
     most = min(frame.captures, room.captures)
-    captures = place_captures(scene, direct, coarse.ways, most, frame.aspect, NEAREST * scale)
+    beside = neighbours(coarse, view.size)
+    captures = place_captures(
+        scene,
+        direct,
+        coarse.ways,
+        spacing(coarse, beside),
+        most,
+        frame.aspect,
+        NEAREST * scale,
+    )
     views = [direct, *captures, *[None] * (room.captures - len(captures))]
     skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
-    beside = neighbours(coarse, view.size)
     rough = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)[pixels]
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma)
@@ -250,12 +264,22 @@ def _bands(glasses: Sequence[Glass]) -> list[Band]:
     return found
 
 
-def _placed(body: Glass) -> optics.PlacedGlass:
+def _placed(body: Glass) -> optics.Placed:
+    mesh = body.description
+    if isinstance(mesh, MeshGlass):
+        return optics.PlacedMesh(
+            mesh.ior,
+            body.absorption[1],
+            body.priority,
+            mesh.roughness,
+            mesh.box,
+            (mesh.refracted, mesh.reflected),
+        )
     media = len(body.description.media)
     absorption = np.zeros((media, 3))
     known = np.array(body.absorption[:media]).reshape(-1, 3)
     absorption[: len(known)] = known
-    return optics.PlacedGlass(body.description, body.to_world, absorption)
+    return optics.PlacedGlass(body.description, body.to_world, absorption, body.priority)
 
 
 def _boxes(things: Things) -> np.ndarray:

@@ -20,8 +20,16 @@ CAPTURE_WORTH = 0.8
 """A capture's resolution counts this much of the direct picture's: it has fewer samples."""
 ENOUGH_SEEN = 0.002
 """Part of all light: while less than this is unseen no further capture is placed."""
+STRONG = 0.1
+"""Part of a ray's light from which on the sharpest view is looked for."""
 FAINT_SKY = 0.002
 """Part of the sky's light: while less than this is unseen no further view of it is placed."""
+ENOUGH_FINE = 0.02
+"""Part of all light: what lacks in fineness may be so much before a capture is placed for it."""
+SEEN = 0.8
+"""Of a hit's worth: to be seen at all, however coarsely."""
+COARSE = 0.1
+"""Of a hit's worth: while less than this lacks, no capture need show it better."""
 KINDS = 5
 """Of light paths whose virtual eyes are tried for a capture, those with most unseen light."""
 NEAR_SHARE = 0.5
@@ -187,14 +195,14 @@ def show(scene: Scene, views: Views, ways: Ways) -> Shown:
     chosen[known] = KNOWN
     rows = np.flatnonzero(~known)
     numbered = {number: view for number, view in enumerate(views) if view is not None}
-    # What a glossy surface shows depends on where it is seen from: all views are compared. Else
-    # the direct picture, which has the most samples, shows what it can.
-    glossy = scene.is_glossy(ways)[rows]
-    _choose(scene, numbered, ways, rows[glossy], chosen, pixels)
-    matte = rows[~glossy]
-    _choose(scene, {0: numbered[0]}, ways, matte, chosen, pixels)
+    # All views are compared where much light comes along a way, and where what a surface shows
+    # depends on where it is seen from. Else the direct picture shows what it can.
+    compared = (scene.is_glossy(ways) | (ways.weight > STRONG))[rows]
+    _choose(scene, numbered, ways, rows[compared], chosen, pixels)
+    rest = rows[~compared]
+    _choose(scene, {0: numbered[0]}, ways, rest, chosen, pixels)
     captures = {number: view for number, view in numbered.items() if number}
-    _choose(scene, captures, ways, matte[chosen[matte] == UNSEEN], chosen, pixels)
+    _choose(scene, captures, ways, rest[chosen[rest] == UNSEEN], chosen, pixels)
     return Shown(chosen, pixels)
 
 
@@ -222,39 +230,68 @@ def _choose(scene: Scene, views: dict[int, RadianceView], ways: Ways, rows, chos
 
 
 def place_captures(
-    scene: Scene, direct: RadianceView, ways: Ways, most: int, aspect: float, near: float
+    scene: Scene,
+    direct: RadianceView,
+    ways: Ways,
+    spacing: np.ndarray,
+    most: int,
+    aspect: float,
+    near: float,
 ) -> list[RadianceView]:
-    """Cameras for what the direct picture does not show, the most useful first.
+    """Cameras for what the direct picture does not show, or not finely, the most useful first.
 
     A path's rays seem to come from their virtual eye. A camera there sees what they see, nearly
     from their direction.
 
     Parameters
     ----------
+    ways : of one ray a pixel. spacing : (K,) metres between their hits in neighbouring pixels.
     most : captures at most. aspect : height of a pixel over its width.
     near : metres, the least distance from where a camera sees.
     """
-    every = max(1, len(ways) // (TRIED * 5))
-    rows = np.arange(0, len(ways), every)
-    ways = ways.take(rows)
+    rows = np.arange(0, len(ways), max(1, len(ways) // (TRIED * 5)))
+    ways, spacing = ways.take(rows), spacing[rows]
+    known = scene.is_known(ways)
     total = ways.weight.sum()
-    shown = show(scene, [direct], ways)
-    left = np.flatnonzero(shown.view == UNSEEN)
+    shown = _quality(scene, direct, ways, spacing, True)
+    shown[known] = 1.0
     captures: list[RadianceView] = []
-    while len(captures) < most and len(left):
-        if ways.weight[left].sum() < ENOUGH_SEEN * total:
+    while len(captures) < most and len(ways):
+        lacking = ways.weight * (1.0 - shown)
+        unseen = ways.weight[shown == 0.0].sum()
+        if unseen < ENOUGH_SEEN * total and lacking.sum() < ENOUGH_FINE * total:
             break
-        found = _best_capture(scene, direct, ways.take(left), aspect, near)
+        some = np.flatnonzero(1.0 - shown > COARSE)
+        if not len(some):
+            break
+        left = replace(ways.take(some), weight=lacking[some])
+        found = _best_capture(scene, direct, left, spacing[some], shown[some], aspect, near)
         if found is None:
             break
-        view, seen = found
+        view, quality = found
         captures.append(view)
-        left = left[~seen]
+        shown[some] = np.maximum(shown[some], quality)
     return captures
 
 
-def _best_capture(scene: Scene, direct: RadianceView, ways: Ways, aspect: float, near: float):
-    """The capture that shows most of the ways' light, and which of them (K,) it shows."""
+def _quality(
+    scene: Scene, view: RadianceView, ways: Ways, spacing: np.ndarray, direct: bool
+) -> np.ndarray:
+    """(K,) how well a view shows hits: 0 not at all, `SEEN` at least, 1 pixel for pixel."""
+    worth, _ = scene.worth(view, ways, direct)
+    here = np.flatnonzero(worth > 0.0)
+    here = here[scene.sees(view, ways.take(here))]
+    quality = np.zeros(len(ways))
+    # The sky has no fine detail.
+    fine = np.where(ways.is_sky[here], 1.0, np.minimum(worth[here] * spacing[here], 1.0))
+    quality[here] = SEEN + (1.0 - SEEN) * fine
+    return quality
+
+
+def _best_capture(
+    scene: Scene, direct: RadianceView, ways: Ways, spacing, shown, aspect: float, near: float
+):
+    """The capture that adds most, by the ways' weights, and how well (K,) it shows each."""
     kinds, kind = np.unique(ways.path, return_inverse=True)
     light = np.bincount(kind, ways.weight, len(kinds))
     groups = [np.flatnonzero(kind == k) for k in np.argsort(-light, kind="stable")[:KINDS]]
@@ -269,13 +306,11 @@ def _best_capture(scene: Scene, direct: RadianceView, ways: Ways, aspect: float,
             view = _capture_from(eye, opened, direct, aspect, near)
             if view is None:
                 continue
-            worth, _ = scene.worth(view, ways, False)
-            seen = worth > 0.0
-            here = np.flatnonzero(seen)
-            seen[here] = scene.sees(view, ways.take(here))
-            gain = ways.weight[seen].sum()
+            quality = _quality(scene, view, ways, spacing, False)
+            # What lacks counts by its share: ways.weight holds what each lacks already.
+            gain = (ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum()
             if gain > 0.0 and (best is None or gain > best[0]):
-                best = gain, view, seen
+                best = gain, view, quality
     return None if best is None else best[1:]
 
 

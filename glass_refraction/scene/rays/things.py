@@ -17,31 +17,41 @@ _CONVERTED_TYPES = {"CURVE", "SURFACE", "FONT", "META"}
 
 
 @dataclass(frozen=True, eq=False)
-class Things:
+class Triangles:
     """One soup of triangles.
 
     Attributes
     ----------
     points : (V, 3) float64, world, metres.
     triangles : (T, 3) int32, vertices of each triangle.
-    surface : (T,) int32, number of the look of each triangle.
-    looks : what is known of each surface without rendering it.
-    owners : the object's name of each look.
     """
 
     points: np.ndarray
     triangles: np.ndarray
-    surface: np.ndarray
-    looks: tuple[Look, ...]
-    owners: tuple[str, ...]
 
-    def same(self, other: Things | None) -> bool:
+    def same(self, other: Triangles | None) -> bool:
         """Whether the other has the same triangles in the same places."""
         return (
             other is not None
             and np.array_equal(self.triangles, other.triangles)
             and np.array_equal(self.points, other.points)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Things(Triangles):
+    """All that rays can meet beside the glasses, as one soup.
+
+    Attributes
+    ----------
+    surface : (T,) int32, number of the look of each triangle.
+    looks : what is known of each surface without rendering it.
+    owners : the object's name of each look.
+    """
+
+    surface: np.ndarray
+    looks: tuple[Look, ...]
+    owners: tuple[str, ...]
 
     def box(self) -> np.ndarray:
         """(2, 3): the lowest and the highest coordinates; of nothing, an empty box."""

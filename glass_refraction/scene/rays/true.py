@@ -26,7 +26,7 @@ from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
 from ..read.viewpoint import Viewpoint, border_window, render_size
 from ..read.visibility import rendered_layer
-from .caster import Caster, fill_cast_collection
+from .caster import Casters, fill_cast_collection
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
@@ -143,7 +143,8 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     memory.centre = moment
     problems = [*memory.standing, *_blurred(scene)]
     views = find_own_scenes(scene, (CAPTURE, SKY))
-    result = compute(_read(scene, depsgraph, view, problems), _caster(scene), ROOM, _kept(scene))
+    read = _read(scene, depsgraph, view, problems)
+    result = compute(read, _casters(scene), ROOM, _kept(scene))
     _write(scene, views, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
@@ -180,13 +181,13 @@ def _blurred(scene: bpy.types.Scene) -> list[str]:
     return found
 
 
-def _caster(scene: bpy.types.Scene) -> Caster:
-    """The scene's caster; it remembers its target, so that this is not built again."""
+def _casters(scene: bpy.types.Scene) -> Casters:
+    """The scene's casters; they remember their targets, so that these are not built again."""
     memory = memory_of(scene)
     cast = find_own_scenes(scene, (CAST,))[0]
-    if memory.caster is None or not memory.caster.is_of(cast):
-        memory.caster = Caster(cast)
-    return memory.caster
+    if memory.casters is None or memory.casters.scene != cast:
+        memory.casters = Casters.of(cast)
+    return memory.casters
 
 
 def _kept(scene: bpy.types.Scene) -> Kept:
@@ -202,7 +203,9 @@ def _read(
     settings = scene.refractive_glass
     glasses = tuple(read_glasses(depsgraph, problems))
     left_out = frozenset(
-        obj.name for obj in scene.objects if obj.type == "MESH" and glass_modifier(obj) is not None
+        obj.name
+        for obj in bpy.data.objects
+        if obj.type == "MESH" and glass_modifier(obj) is not None
     )
     suns = []
     for instance in depsgraph.object_instances:

@@ -14,6 +14,7 @@ from ... import optics
 from ...optics.axial import AxialGlass
 from ..names import RefractiveGlassError, own
 from .animation import may_change
+from .mesh_glasses import MeshGlass, interface_of, mesh_glass
 from .modifier_inputs import data_path, has_input, read_input
 from .visibility import rendered_objects
 
@@ -41,27 +42,38 @@ class Glass:
     Attributes
     ----------
     name : the object's name.
-    description : the optics description, in metres of world scale, in its own frame.
+    description : the optics description, in metres of world scale, in its own frame; of a mesh its
+        triangles in the world.
     to_world : (4, 4) float64, rigid: from the description's frame to the world.
     absorption : one (red, green, blue) for each of the description's media: absorption
         coefficients a, per metre; exp(-a length) of the light remains (Beer and Lambert).
     abbe : Abbe numbers of the glass and of its contents; 0: no dispersion.
     band : "red", "green" or "blue" if this is the glass as such light finds it; else empty.
+    priority : where glasses overlap, the one of the highest is there.
     """
 
     name: str
-    description: optics.FlatGlass | optics.CylinderGlass | optics.SphereGlass | AxialGlass
+    description: (
+        optics.FlatGlass | optics.CylinderGlass | optics.SphereGlass | AxialGlass | MeshGlass
+    )
     to_world: np.ndarray
     absorption: tuple[tuple[float, float, float], ...] = ()
     abbe: tuple[float, float] = (0.0, 0.0)
     band: str = ""
+    priority: int = 0
 
     def __post_init__(self) -> None:
         self.to_world.flags.writeable = False
 
     def stamp(self) -> tuple:
         """What the optics depend on; equal stamps give equal pictures."""
-        return (self.key, self.description, self.to_world.tobytes(), self.absorption)
+        return (
+            self.key,
+            self.description,
+            self.to_world.tobytes(),
+            self.absorption,
+            self.priority,
+        )
 
     @property
     def key(self) -> str:
@@ -93,7 +105,9 @@ class Glass:
             return optics.dispersed_ior(medium, abbe, wavelength)
 
         glass, contents = self.abbe
-        if isinstance(description, optics.FlatGlass):
+        if isinstance(description, MeshGlass):
+            seen = replace(description, ior=ior(description.ior, glass))
+        elif isinstance(description, optics.FlatGlass):
             layers = tuple(ior(medium, glass) for medium in description.ior)
             seen = replace(description, ior=layers, ior_below=ior(description.ior_below, contents))
         elif isinstance(description, AxialGlass):
@@ -197,6 +211,26 @@ def glass_objects(view_layer: bpy.types.ViewLayer, *, ever: bool = False) -> lis
     return found
 
 
+def instanced_glasses(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
+) -> list[bpy.types.Object]:
+    """Glass objects that stand in no collection of the scene and that instances show."""
+    here = set(scene.objects)
+    others = [
+        obj
+        for obj in bpy.data.objects
+        if obj.type == "MESH" and obj not in here and glass_modifier(obj) is not None
+    ]
+    if not others:
+        return []
+    shown = {i.object.original for i in depsgraph.object_instances if i.is_instance}
+    for empty in scene.objects:
+        # One that only renders show.
+        if empty.instance_collection is not None:
+            shown.update(empty.instance_collection.all_objects)
+    return [obj for obj in others if obj in shown and not obj.hide_render]
+
+
 def is_shown(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
     """Whether a render shows the object at the moment of the depsgraph, a glass as a glass."""
     evaluated = obj.evaluated_get(depsgraph)
@@ -225,29 +259,58 @@ def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = No
     ------
     RefractiveGlassError
     """
-    glasses = []
-    for obj in glass_objects(depsgraph.view_layer):
+    glasses, wrong, known = [], [], {}
+
+    def read(obj: bpy.types.Object, *place) -> None:
         try:
-            glasses.append(read_glass(obj, depsgraph))
+            glasses.append(read_glass(obj, depsgraph, *place, known=known))
         except RefractiveGlassError as error:
             if problems is None:
                 raise
-            problems.append(str(error))
+            wrong.append(str(error))
+
+    for obj in glass_objects(depsgraph.view_layer):
+        read(obj)
+    for instance in depsgraph.object_instances:
+        if not (instance.is_instance and instance.show_self):
+            continue
+        obj = instance.object.original
+        if obj.type == "MESH" and glass_modifier(obj) is not None:
+            read(obj, np.array(instance.matrix_world, float))
+    if problems is not None:
+        # Of each instance the same.
+        problems.extend(dict.fromkeys(wrong))
     return glasses
 
 
-def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
+def read_glass(
+    obj: bpy.types.Object,
+    depsgraph: bpy.types.Depsgraph,
+    to_world: np.ndarray | None = None,
+    *,
+    known: dict | None = None,
+) -> Glass:
     """One glass object as it is evaluated in the depsgraph.
+
+    Parameters
+    ----------
+    to_world : (4, 4) of an instance of it; by default the object's own.
+    known : see `mesh_glass`.
 
     Raises
     ------
     RefractiveGlassError
-        Sheared, unevenly scaled or mirrored object, impossible sizes or ior, no flat outline.
+        Sheared, unevenly scaled or mirrored object (a mesh may be), impossible sizes or ior, no
+        flat outline; a mesh without faces or of points that are no numbers.
     """
     evaluated = obj.evaluated_get(depsgraph)
     modifier = glass_modifier(evaluated)
-    pose, scale = rigid_pose(np.array(evaluated.matrix_world, float), obj.name)
+    if to_world is None:
+        to_world = np.array(evaluated.matrix_world, float)
     shape = read_input(modifier, "Shape")
+    if shape == "Mesh":
+        return _read_mesh(evaluated, modifier, to_world, known)
+    pose, scale = rigid_pose(to_world, obj.name)
     size = {
         key: float(read_input(modifier, name)) * scale
         for key, name in (("radius", "Radius"), ("wall", "Wall Thickness"), ("height", "Height"))
@@ -279,12 +342,41 @@ def read_glass(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Glass:
         float(read_input(modifier, name)) if has_input(modifier, name) else 0.0
         for name in ("Abbe Number", "Contents Abbe Number")
     )
-    glass = Glass(obj.name, description, pose, _absorption(modifier, description, scale), abbe)
+    absorption = _absorption(modifier, description, scale)
+    glass = Glass(obj.name, description, pose, absorption, abbe, priority=_priority(modifier))
     try:
         glass.bands()
     except ValueError as error:
         raise RefractiveGlassError(f'Glass "{obj.name}": {error}') from error
     return glass
+
+
+def _read_mesh(evaluated: bpy.types.Object, modifier, to_world: np.ndarray, known) -> Glass:
+    """A glass that is a mesh; arguments as of `read_glass`."""
+    name = evaluated.name
+    _check_place(to_world, name)
+    try:
+        interface = interface_of(evaluated, float(read_input(modifier, "IOR")))
+        description = mesh_glass(evaluated.data, to_world, interface, known)
+        # Lengths are counted in units of the object, as those of other shapes.
+        scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
+        absorption = _absorption(modifier, description, scale)
+        abbe = (float(read_input(modifier, "Abbe Number")), 0.0)
+        glass = Glass(name, description, np.eye(4), absorption, abbe, priority=_priority(modifier))
+        glass.bands()
+    except ValueError as error:
+        raise RefractiveGlassError(f'Glass "{name}": {error}') from error
+    return glass
+
+
+def _priority(modifier) -> int:
+    return int(read_input(modifier, "Priority")) if has_input(modifier, "Priority") else 0
+
+
+def is_mesh_glass(obj: bpy.types.Object) -> bool:
+    """Whether the object's own mesh is the glass, no closed form."""
+    modifier = glass_modifier(obj) if obj.type == "MESH" else None
+    return modifier is not None and read_input(modifier, "Shape") == "Mesh"
 
 
 def _absorption(modifier, description, scale: float) -> tuple[tuple[float, float, float], ...]:
@@ -301,6 +393,8 @@ def _absorption(modifier, description, scale: float) -> tuple[tuple[float, float
         depth = -np.log(np.clip(colour, _DARKEST, 1.0)) / max(distance, _SHORTEST)
         found.append(tuple(float(a) for a in depth + 0.0))
     glass, contents = found
+    if isinstance(description, MeshGlass):
+        return (clear, glass)
     if isinstance(description, optics.FlatGlass):
         # The length behind a slab is not the glass's: it ends wherever something is.
         return (clear, glass, clear)
@@ -397,6 +491,8 @@ def _profile_points(spline) -> np.ndarray:
 
 def as_body(glass: Glass) -> Glass | None:
     """The glass with all the faces that bound it; None if that is nothing that rays can meet."""
+    if isinstance(glass.description, MeshGlass):
+        return glass
     body = optics.body(glass.description)
     return None if body is None else replace(glass, description=body)
 
@@ -420,15 +516,9 @@ def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:
     RefractiveGlassError
         The matrix shears, mirrors or scales unevenly.
     """
+    _check_place(matrix, name)
     linear = matrix[:3, :3]
-    if not np.all(np.isfinite(matrix)):
-        raise RefractiveGlassError(
-            f'Glass "{name}" has a place that is no number: enter its location, rotation and scale '
-            "anew"
-        )
     determinant = np.linalg.det(linear)
-    if determinant == 0:
-        raise RefractiveGlassError(f'Glass "{name}" has no size: its scale must not be zero')
     scale = float(np.cbrt(determinant))
     rotation = linear / scale
     if scale < 0 or np.abs(rotation.T @ rotation - np.eye(3)).max() > _RIGID_TOLERANCE:
@@ -442,6 +532,17 @@ def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:
     pose[:3, :3] = u @ vt
     pose[:3, 3] = matrix[:3, 3]
     return pose, scale
+
+
+def _check_place(matrix: np.ndarray, name: str) -> None:
+    """Raise where a glass's world matrix (4, 4) is not finite or has no inverse."""
+    if not np.all(np.isfinite(matrix)):
+        raise RefractiveGlassError(
+            f'Glass "{name}" has a place that is no number: enter its location, rotation and scale '
+            "anew"
+        )
+    if np.linalg.det(matrix[:3, :3]) == 0:
+        raise RefractiveGlassError(f'Glass "{name}" has no size: its scale must not be zero')
 
 
 def _flat_outline(obj: bpy.types.Object, scale: float) -> tuple[np.ndarray, np.ndarray]:

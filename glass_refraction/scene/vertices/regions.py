@@ -12,6 +12,7 @@ import numpy as np
 from ... import optics
 from ...optics.axial import AxialGlass
 from ..read.glasses import Glass, read_glasses, unbounded
+from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint, read_viewpoint
 from .hull import first_face
 from .path_keys import path_key
@@ -358,7 +359,7 @@ def left_out_pixels(
     view = read_viewpoint(scene, depsgraph)
     fresnel = scene.refractive_glass.surface == "GLASS"
     count = left_out = 0
-    for glass in read_glasses(depsgraph):
+    for glass in _closed_forms(depsgraph):
         if isinstance(glass.description, AxialGlass):
             missing = _dark_rays(glass, view, scene.refractive_glass.min_weight, fresnel)
             count, left_out = count + missing.size, left_out + int(missing.sum())
@@ -392,6 +393,11 @@ def _dark_rays(glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool) 
     return (brought[through] < 0.5) & fresnel
 
 
+def _closed_forms(depsgraph: bpy.types.Depsgraph) -> list[Glass]:
+    """The glasses that have light paths: all but meshes."""
+    return [g for g in read_glasses(depsgraph) if not isinstance(g.description, MeshGlass)]
+
+
 MOST_MASKS = 12
 """Of glasses whose paths name their interfaces, so many paths get a mask, the brightest."""
 
@@ -409,7 +415,7 @@ def region_masks(
     width, height = view.size
     masks: dict[str, np.ndarray] = {}
     beside = np.ones((height, width), bool)
-    for glass in read_glasses(depsgraph):
+    for glass in _closed_forms(depsgraph):
         weight = scene.refractive_glass.min_weight if min_weight is None else min_weight
         paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=weight)
         named = bool(paths) and paths[0].interfaces is not None
@@ -431,7 +437,7 @@ def crossing_counts(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> n
     """How often each pixel's strongest path is refracted (H, W), int: the paper's figure 8."""
     view = read_viewpoint(scene, depsgraph)
     counts = np.zeros((view.size[1], view.size[0]), int)
-    for glass in read_glasses(depsgraph):
+    for glass in _closed_forms(depsgraph):
         paths = optics.light_paths(glass.description, view.eye_for(glass))
         found = path_regions(glass, view, paths, smooth=False)
         refractions = np.array([p.events.count("T") for p in paths] or [0])

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Rays against the glasses that are meshes: which face they meet next, and its normals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..read.glasses import Glass
+from ..read.mesh_glasses import MeshGlass
+from .caster import Caster
+from .things import Triangles
+
+NO_TRIANGLES = Triangles(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Meshes of which no two overlap.
+
+    `glass`: (T,) number of each triangle's glass. `points`, `normals`: (T, 3, 3), `flat`: (T, 3).
+    """
+
+    caster: Caster
+    glass: np.ndarray
+    points: np.ndarray
+    normals: np.ndarray
+    flat: np.ndarray
+
+    def meet(self, origins: np.ndarray, directions: np.ndarray) -> tuple:
+        """Number of the glass (L,), metres (L,), true and interpolated normal (L, 3)."""
+        way, triangle = self.caster.cast(origins, directions)
+        count = len(origins)
+        glass = np.full(count, -1, np.intp)
+        flat, smooth = np.zeros((2, count, 3))
+        hit = np.flatnonzero(triangle >= 0)
+        number = triangle[hit]
+        glass[hit], flat[hit] = self.glass[number], self.flat[number]
+        places = origins[hit] + way[hit, None] * directions[hit]
+        shares = _barycentric(self.points[number], places)
+        smooth[hit] = np.einsum("nk,nkd->nd", shares, self.normals[number])
+        return glass, way, flat, smooth
+
+
+class GlassMeshes:
+    """The glasses that are meshes, ready to be met: the callback `meet` of `optics.exit_rays`.
+
+    Rays that start on one of two surfaces that touch would not meet the other, were both in one
+    target. So meshes whose boxes overlap have targets of their own, as far as there are casters.
+
+    Parameters
+    ----------
+    glasses : all glasses, in the order that the tracer knows them by.
+    centre, scale : see `Caster.aim`.
+    """
+
+    def __init__(
+        self, casters: Sequence[Caster], glasses: Sequence[Glass], centre: np.ndarray, scale: float
+    ) -> None:
+        numbers = [n for n, glass in enumerate(glasses) if isinstance(glass.description, MeshGlass)]
+        grouped = _apart([glasses[n].description.box for n in numbers], len(casters))
+        self._groups = []
+        for caster, members in zip(casters, grouped, strict=True):
+            if not members:
+                caster.aim(NO_TRIANGLES, centre, scale)
+                continue
+            chosen = [glasses[numbers[member]].description for member in members]
+            sizes = [len(mesh.points) for mesh in chosen]
+            points = np.concatenate([mesh.points for mesh in chosen])
+            flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+            flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+            corners = np.arange(3 * len(points), dtype=np.int32).reshape(-1, 3)
+            caster.aim(Triangles(points.reshape(-1, 3), corners), centre, scale)
+            self._groups.append(
+                _Group(
+                    caster,
+                    np.repeat([numbers[member] for member in members], sizes),
+                    points,
+                    np.concatenate([mesh.normals for mesh in chosen]),
+                    flat,
+                )
+            )
+
+    def __bool__(self) -> bool:
+        return bool(self._groups)
+
+    def meet(self, origins: np.ndarray, directions: np.ndarray) -> tuple:
+        """The next face of each group of meshes: (H, L) and (H, L, 3), see `optics.exit_rays`."""
+        found = (group.meet(origins, directions) for group in self._groups)
+        return tuple(np.stack(part) for part in zip(*found, strict=True))
+
+
+def _apart(boxes: Sequence[np.ndarray], most: int) -> list[list[int]]:
+    """Numbers of boxes (2, 3) in ``most`` groups; none overlap in a group but in the last one."""
+    groups: list[list[int]] = [[] for _ in range(most)]
+    for number, (low, high) in enumerate(boxes):
+        free = (
+            group
+            for group in groups
+            if not any(
+                np.all((low <= boxes[other][1]) & (high >= boxes[other][0])) for other in group
+            )
+        )
+        next(free, groups[-1]).append(number)
+    return groups
+
+
+def _barycentric(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Shares (N, 3) of the corners (N, 3, 3) of triangles in places (N, 3) on them, 0 to 1."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    place = places - corners[:, 0]
+    aa, ab, bb = (
+        np.einsum("nk,nk->n", u, v) for u, v in ((first, first), (first, second), (second, second))
+    )
+    pa, pb = np.einsum("nk,nk->n", place, first), np.einsum("nk,nk->n", place, second)
+    area = aa * bb - ab * ab
+    area = np.where(area > 0.0, area, 1.0)
+    v, w = (bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area
+    shares = np.clip(np.stack((1.0 - v - w, v, w), axis=1), 0.0, 1.0)
+    return shares / shares.sum(axis=1, keepdims=True)

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glasses that are meshes: their triangles in the world, and what their material says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import bpy
+import numpy as np
+
+from ..names import own
+from .arrays import corner_normals, positions, read_attribute
+
+CORNER_NORMAL = "rg_corner_normal"
+"""Attribute of the loose points, three a triangle, that the modifier leaves of a mesh where it
+hides it; `node_groups.glass` makes them."""
+CLEAR = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshGlass:
+    """A glass that is a mesh, in the world.
+
+    Attributes
+    ----------
+    points, normals : (T, 3, 3) float64: corners of each triangle, metres, anticlockwise seen from
+        outside; unit interpolated normals there.
+    ior : of the glass.
+    roughness : of its surface, 0 to 1, as a Glass BSDF has it.
+    refracted, reflected : parts of the light (red, green, blue) that get through the surface where
+        they are refracted and reflected, beside Fresnel's law.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    ior: float
+    roughness: float = 0.0
+    refracted: tuple[float, float, float] = CLEAR
+    reflected: tuple[float, float, float] = CLEAR
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.ior) and self.ior > 0.0):
+            raise ValueError(f"ior must be a number above 0, not {self.ior!r}")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MeshGlass) and all(
+            np.array_equal(mine, theirs)
+            for mine, theirs in zip(self._parts(), other._parts(), strict=True)
+        )
+
+    __hash__ = None
+
+    def _parts(self) -> tuple:
+        own = self.ior, self.roughness, self.refracted, self.reflected
+        return (*own, self.points, self.normals)
+
+    @property
+    def media(self) -> tuple[float, float]:
+        """The ior around it and its own."""
+        return (1.0, self.ior)
+
+    @cached_property
+    def box(self) -> np.ndarray:
+        """(2, 3): its lowest and highest coordinates."""
+        return np.array((self.points.min(axis=(0, 1)), self.points.max(axis=(0, 1))))
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What a material says of a glass; fields as of `MeshGlass`."""
+
+    ior: float
+    roughness: float = 0.0
+    refracted: tuple[float, float, float] = CLEAR
+    reflected: tuple[float, float, float] = CLEAR
+
+
+def mesh_glass(
+    mesh: bpy.types.Mesh, to_world: np.ndarray, interface: Interface, known: dict | None = None
+) -> MeshGlass:
+    """A glass from its evaluated mesh.
+
+    Parameters
+    ----------
+    to_world : (4, 4), any that has an inverse.
+    known : what was read of meshes before, by their address: instances share it.
+
+    Raises
+    ------
+    ValueError
+        No faces, or coordinates that are no numbers.
+    """
+    key = mesh.as_pointer()
+    if known is None or key not in known:
+        local = triangles_of(mesh)
+        if known is not None:
+            known[key] = local
+    else:
+        local = known[key]
+    points, normals = local
+    linear = to_world[:3, :3]
+    placed = points @ linear.T + to_world[:3, 3]
+    turned = normals @ np.linalg.inv(linear)
+    if np.linalg.det(linear) < 0.0:
+        # A mirrored triangle runs the other way round.
+        placed, turned = placed[:, ::-1], turned[:, ::-1]
+    flat = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
+    area = np.linalg.norm(flat, axis=1)
+    kept = area > 0.0
+    if not kept.any():
+        raise ValueError("its mesh has no area")
+    placed, turned, flat = placed[kept], turned[kept], flat[kept] / area[kept, None]
+    length = np.linalg.norm(turned, axis=2, keepdims=True)
+    usable = np.isfinite(length) & (length > 0.0)
+    turned = np.where(usable, turned / np.where(usable, length, 1.0), flat[:, None])
+    return MeshGlass(
+        np.ascontiguousarray(placed),
+        np.ascontiguousarray(turned),
+        interface.ior,
+        interface.roughness,
+        interface.refracted,
+        interface.reflected,
+    )
+
+
+def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Points and normals (T, 3, 3) of the corners of a mesh's triangles, in its own frame.
+
+    Raises
+    ------
+    ValueError
+        No faces, or coordinates that are no numbers.
+    """
+    points = positions(mesh).astype(float)
+    left = mesh.attributes.get(CORNER_NORMAL)
+    if left is not None:
+        normals = read_attribute(left).astype(float)
+        # What casts the shadow has no such normals.
+        own_points = normals.any(axis=1)
+        points, normals = points[own_points], normals[own_points]
+    else:
+        mesh.calc_loop_triangles()
+        count = len(mesh.loop_triangles)
+        corners, loops = np.empty((2, 3 * count), np.int32)
+        if count:
+            mesh.loop_triangles.foreach_get("vertices", corners)
+            mesh.loop_triangles.foreach_get("loops", loops)
+        normals = corner_normals(mesh).astype(float)[loops]
+        points = points[corners]
+    if not len(points):
+        raise ValueError("its mesh has no faces: a glass needs some")
+    if not np.isfinite(points).all():
+        raise ValueError("its mesh has a point that is no number: delete or move it")
+    return points.reshape(-1, 3, 3), normals.reshape(-1, 3, 3)
+
+
+def interface_of(obj: bpy.types.Object, ior: float) -> Interface:
+    """What the first glassy material of an (evaluated) object says; else the given ior."""
+    for slot in obj.material_slots:
+        found = material_interface(slot.material)
+        if found is not None:
+            return found
+    return Interface(ior)
+
+
+def material_interface(material: bpy.types.Material | None) -> Interface | None:
+    """What a material says of a glass; None where it is none, or the extension's own.
+
+    It is read of a Glass or Refraction BSDF, or a Principled BSDF with transmission, that leads to
+    the surface. Inputs with links count as they would without.
+    """
+    if material is None or material.node_tree is None or own(material, "glass"):
+        return None
+    for node in material.node_tree.nodes:
+        if node.type not in _READERS or not any(o.is_linked for o in node.outputs):
+            continue
+        found = _READERS[node.type](node)
+        if found is not None:
+            return found
+    return None
+
+
+def _value(node, name: str) -> float:
+    return float(node.inputs[name].default_value)
+
+
+def _colour(node, name: str) -> np.ndarray:
+    return np.clip(np.array(node.inputs[name].default_value[:3], float), 0.0, 1.0)
+
+
+def _glass(node) -> Interface:
+    colour = tuple(map(float, _colour(node, "Color")))
+    return Interface(_value(node, "IOR"), _value(node, "Roughness"), colour, colour)
+
+
+def _principled(node) -> Interface | None:
+    if _value(node, "Transmission Weight") < LEAST_TRANSMISSION:
+        return None
+    # Cycles refracts by the root of the base colour: a closed body has two surfaces.
+    colour = tuple(map(float, np.sqrt(_colour(node, "Base Color"))))
+    tint = tuple(map(float, _colour(node, "Specular Tint")))
+    return Interface(_value(node, "IOR"), _value(node, "Roughness"), colour, tint)
+
+
+LEAST_TRANSMISSION = 0.5
+"""Of a Principled BSDF, from which on it is a glass."""
+_READERS = {"BSDF_GLASS": _glass, "BSDF_REFRACTION": _glass, "BSDF_PRINCIPLED": _principled}
+
+
+def open_edges(mesh: bpy.types.Mesh) -> tuple[int, int]:
+    """Edges of a mesh that bound one face only, and those that bound more than two."""
+    edges = np.empty(len(mesh.loops), np.int32)
+    if len(edges):
+        mesh.loops.foreach_get("edge_index", edges)
+    count = np.bincount(edges, minlength=len(mesh.edges))
+    return int((count == 1).sum()), int((count > 2).sum())
