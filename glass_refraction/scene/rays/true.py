@@ -24,6 +24,7 @@ from ..memory import Status, counters, memory_of
 from ..names import TAG, hidden_name, own
 from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
+from ..read.modifier_inputs import read_input
 from ..read.viewpoint import Viewpoint, border_window, render_size
 from ..read.visibility import rendered_layer
 from .caster import Casters, fill_cast_collection
@@ -232,7 +233,25 @@ def _read(
         captures=settings.captures,
         min_weight=settings.min_weight,
         fresnel=settings.surface == "GLASS",
+        seen_through=_seen_through(scene, problems),
     )
+
+
+def _seen_through(scene: bpy.types.Scene, problems: list[str]) -> frozenset[str] | None:
+    """Names of what the glasses' collection lets be seen through them; None: all."""
+    chosen = {}
+    for obj in glass_objects(rendered_layer(scene)):
+        collection = read_input(glass_modifier(obj), "Seen Through")
+        names = None if collection is None else frozenset(o.name for o in collection.all_objects)
+        chosen.setdefault(names, obj.name)
+    if len(chosen) > 1:
+        one, other, *_ = chosen.values()
+        problems.append(
+            f'Glasses "{one}" and "{other}" have different Seen Through collections, and True '
+            "shading shows everything then: choose the same, or Displaced as Shading"
+        )
+        return None
+    return next(iter(chosen), None)
 
 
 def _world_override(view_layer: bpy.types.ViewLayer) -> bpy.types.World | None:
