@@ -60,6 +60,7 @@ class FrameInput:
     engine, filter_size : of the user's render. samples : a pixel, of the direct picture.
     captures : captures at most. min_weight : part of a ray's light that ways must carry.
     fresnel : surfaces mirror and refract; else they only refract.
+    seen_through : names of what is seen through the glasses; None: all.
     """
 
     glasses: tuple[Glass, ...]
@@ -75,6 +76,7 @@ class FrameInput:
     captures: int
     min_weight: float
     fresnel: bool
+    seen_through: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -220,6 +222,7 @@ def _followed(
         frame.min_weight,
         frame.fresnel,
         kept,
+        _through(frame),
     )
     kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
     coarse = centre_rays(pixels, follower)
@@ -280,6 +283,18 @@ def _placed(body: Glass) -> optics.Placed:
     known = np.array(body.absorption[:media]).reshape(-1, 3)
     absorption[: len(known)] = known
     return optics.PlacedGlass(body.description, body.to_world, absorption, body.priority)
+
+
+def _through(frame: FrameInput) -> np.ndarray | None:
+    """(T,) which triangles are seen through the glasses; lamps always are."""
+    if frame.seen_through is None:
+        return None
+    things = frame.things
+    seen = [
+        look.is_lamp or owner in frame.seen_through
+        for look, owner in zip(things.looks, things.owners, strict=True)
+    ]
+    return np.array(seen, bool)[things.surface]
 
 
 def _boxes(things: Things) -> np.ndarray:
