@@ -186,8 +186,11 @@ def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     _rendering = False
     if own(scene):
         return
-    composited = scene.render.use_compositing and find_own_scenes(scene)
-    if composited and not _own_rendered:
+    # Views that a frame does not need are off: where no glass is seen, all are.
+    wanted = any(
+        layer.use for own_scene in find_own_scenes(scene) for layer in own_scene.view_layers
+    )
+    if scene.render.use_compositing and wanted and not _own_rendered:
         door.status(scene).problems.append(LEFT_OUT)
         print(f"Refractive Glass: {LEFT_OUT}")
     if threading.current_thread() is threading.main_thread():
