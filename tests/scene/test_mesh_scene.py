@@ -182,12 +182,6 @@ def test_of_overlapping_meshes_the_higher_priority_holds(tmp_path):
     covered = door.memory_of(scene).covered
     assert door.status(scene).problems == []
     off, far_off = (_differences(overlapping, seen)[covered] for seen in (apart, other))
-    print(
-        off.mean(),
-        far_off.mean(),
-        np.quantile(off, [0.5, 0.8, 0.9]),
-        np.quantile(far_off, [0.5, 0.8, 0.9]),
-    )
     # The cut's facets are those of both balls: what differs are pixels at borders.
     assert np.median(off) < 0.01
     assert off.mean() < 0.2 * far_off.mean()
