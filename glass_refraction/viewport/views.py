@@ -21,6 +21,7 @@ from bpy.app.handlers import persistent
 from ..scene.changes import generation
 from ..scene.glasses import glass_modifier, glass_objects
 from ..scene.modifier_inputs import has_input, read_input, write_input
+from ..scene.names import own
 from .eye import view_eye
 from .model import Model
 
@@ -104,6 +105,16 @@ class _View:
         return ""
 
 
+_SHOWING = (
+    bpy.types.Material,
+    bpy.types.World,
+    bpy.types.Light,
+    bpy.types.Image,
+    bpy.types.Texture,
+)
+"""Data-blocks whose change may be seen though nothing moves."""
+_news: Counter[int] = Counter()
+"""By a scene's session uid: grows when something changed that may be seen."""
 _shown: set[int] = set()
 _views: dict[int, _View] = {}
 _handles: list = []
@@ -142,6 +153,20 @@ def status(space: bpy.types.SpaceView3D) -> list[str]:
             how = "at rest" if view.final else "moving"
             lines.append(f"Last redraw: {view.python_ms:.0f} ms of Python, {how}")
     return lines
+
+
+def at_rest() -> bool:
+    """Whether every view that asks shows its final picture of the scene as it is."""
+    asking = [
+        (window, _views.get(region.as_pointer()))
+        for window, space, region in _open_regions()
+        if is_shown(space)
+    ]
+    return bool(asking) and all(
+        view is not None
+        and (view.failure or (view.final and view.model.key[1:2] == (generation(window.scene),)))
+        for window, view in asking
+    )
 
 
 def doubt() -> None:
@@ -248,9 +273,9 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         model.read(layer, space)
         model.key = key
         view.problems = model.problems + _unmarked(layer, True)
-        if model.glasses:
-            captures.arrange(model.glasses, looks, model.boxes)
-    elif view.stamp[1:2] != (looks,) and model.glasses:
+    # Much is evaluated anew of which nothing can be seen.
+    seen = (_news[scene.session_uid], model.signature())
+    if view.stamp[:2] != (seen, looks) and model.glasses:
         captures.arrange(model.glasses, looks, model.boxes)
     if not model.glasses:
         return
@@ -266,7 +291,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.gpu_seconds = 0.0
     python -= time.perf_counter()
     settings = scene.refractive_glass
-    stamp = (key, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
+    stamp = (seen, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
     if changed or stamp != view.stamp:
         moved = stamp[:-1] != view.stamp[:-1]
         view.stamp = stamp
@@ -546,6 +571,17 @@ def _soon(function) -> None:
 
 
 @persistent
+def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Count what may be seen; the extension's own data, and a mere new evaluation, may not."""
+    for update in depsgraph.updates:
+        moved = update.is_updated_transform or update.is_updated_geometry
+        showing = isinstance(update.id, _SHOWING)
+        if (showing or (moved and isinstance(update.id, bpy.types.Object))) and not own(update.id):
+            _news[scene.original.session_uid] += 1
+            return
+
+
+@persistent
 def _on_undo(*_) -> None:
     doubt()
     if not bpy.app.background:
@@ -574,6 +610,8 @@ def _on_save_post(*_) -> None:
 
 _ALWAYS = (("undo_post", _on_undo), ("redo_post", _on_undo), ("load_post", _on_load))
 _WHILE_SHOWN = (
+    ("depsgraph_update_post", _on_update),
+    ("frame_change_post", _on_update),
     ("save_pre", _on_save_pre),
     ("save_post", _on_save_post),
     ("save_post_fail", _on_save_post),
