@@ -259,7 +259,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if view.painter is None:
         view.painter, view.captures = Painter(), Captures()
     painter, captures, model = view.painter, view.captures, view.model
-    python = -time.perf_counter()
+    python = -time.thread_time()
     matrices = region.data
     eye = view_eye(
         (region.width, region.height),
@@ -284,12 +284,12 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         captures.outdate()
         view.turned = turned
     view.eye = eye
-    python += time.perf_counter()
+    python += time.thread_time()
     view.waits = False
     changed = painter.direct.read(view.framebuffer, eye, model.frame)
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
-    python -= time.perf_counter()
+    python -= time.thread_time()
     settings = scene.refractive_glass
     stamp = (seen, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
     if changed or stamp != view.stamp:
@@ -309,7 +309,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         _ask_for_rest()
     selected = any(obj.select_get(view_layer=layer) for obj in glass_objects(layer))
     painter.show(view.framebuffer, _backdrop(context), lines=selected)
-    python += time.perf_counter() - view.gpu_seconds + painter.direct.python_seconds
+    python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
     counters["milliseconds"] += view.python_ms
 
@@ -347,13 +347,13 @@ def _sample(
     number = painter.samples if edges_of is None else painter.samples + 1
     jitter = _jitter(number) if number else (0.0, 0.0)
     pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
-    began = time.perf_counter()
+    began, mine = time.perf_counter(), time.thread_time()
     drawn = painter.sample(
         jitter, way, view.captures.textures, pixels, edges_of, disperses=seconds is not None
     )
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
-    view.gpu_seconds += spent
+    view.gpu_seconds += time.thread_time() - mine
     view.strip_speed = min(drawn / spent, MOST_GROWTH * view.strip_speed)
     view.spent = (view.spent[0] + drawn, view.spent[1] + spent)
     if painter.is_whole:
@@ -572,11 +572,17 @@ def _soon(function) -> None:
 
 @persistent
 def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Count what may be seen; the extension's own data, and a mere new evaluation, may not."""
-    for update in depsgraph.updates:
+    """Count what may be seen: what moves, and looks that are edited.
+
+    What the extension makes for renders comes and goes in one update with everything that shares
+    data with it; nothing of that may be seen.
+    """
+    updates = [(update, own(update.id)) for update in depsgraph.updates]
+    echo = any(mine for _, mine in updates)
+    for update, mine in updates:
         moved = update.is_updated_transform or update.is_updated_geometry
-        showing = isinstance(update.id, _SHOWING)
-        if (showing or (moved and isinstance(update.id, bpy.types.Object))) and not own(update.id):
+        showing = isinstance(update.id, _SHOWING) and not echo
+        if (showing or (moved and isinstance(update.id, bpy.types.Object))) and not mine:
             _news[scene.original.session_uid] += 1
             return
 
