@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ... import optics
+from glass_refraction import optics
+
 from .cases import BEHIND_HOLLOW, FILLED, HOLLOW, PIXEL_TOLERANCE
 from .forward import FOCAL_PX
 from .measure import peak_bytes, seconds, spread
@@ -109,7 +110,8 @@ def _paths(settings: Settings) -> list[dict]:
 
 def _pixels(settings: Settings, size: tuple[int, int]) -> dict:
     """Weights of all pixels that the hollow glass covers, edges smooth."""
-    from ...scene.vertices.regions import path_regions
+    from glass_refraction.scene.vertices.regions import path_regions
+
     from .views import standing, viewpoint
 
     width, height = size

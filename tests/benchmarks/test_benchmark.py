@@ -7,9 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from glass_refraction import optics
-from glass_refraction.cli import main
-from glass_refraction.reference.benchmark import (
+from benchmarks import (
     forward,
     measure,
     newton,
@@ -20,8 +18,10 @@ from glass_refraction.reference.benchmark import (
     stability,
     text,
 )
-from glass_refraction.reference.benchmark.cases import BEHIND_HOLLOW, BEHIND_SLAB, HOLLOW, SLAB
-from glass_refraction.reference.benchmark.settings import Settings
+from benchmarks.cases import BEHIND_HOLLOW, BEHIND_SLAB, HOLLOW, SLAB
+from benchmarks.command import main
+from benchmarks.settings import Settings
+from glass_refraction import optics
 
 TINY = Settings("tiny", seed=3)
 
@@ -278,10 +278,10 @@ def test_figures_stand_on_the_right():
 
 
 def _one_line(capfd, *arguments):
-    assert main(["benchmark", *arguments]) == 2
-    lines = [x for x in capfd.readouterr().err.splitlines() if x.startswith("refractive_glass:")]
-    assert len(lines) == 1
-    return lines[0]
+    assert main(list(arguments)) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("benchmark:")
+    return line
 
 
 def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, capfd):
@@ -292,9 +292,16 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, capfd
 
 
 def test_bad_arguments(tmp_path, capfd):
-    out = str(tmp_path / "out")
+    out, a_file = str(tmp_path / "out"), tmp_path / "file"
+    a_file.write_text("mine")
+    assert "-o" in _one_line(capfd)
     assert "no part 'speed'" in _one_line(capfd, "-o", out, "--only", "speed")
     assert "--seed" in _one_line(capfd, "-o", out, "--seed", "-1")
     assert "no such .blend file" in _one_line(
         capfd, "-o", out, "--scenes", str(tmp_path / "no.blend")
     )
+    assert "no such .blend file" in _one_line(capfd, "-o", out, "--scenes", str(a_file))
+    for place in ("", str(a_file), str(a_file / "x")):
+        line = _one_line(capfd, "-o", place, "--only", "stability", "--quick", "--no-plots")
+        assert "give" in line and "Errno" not in line
+    assert a_file.read_text() == "mine"

@@ -45,6 +45,13 @@ def seconds(function: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
+def cpu_seconds(function: Callable[[], object]) -> float:
+    """Time that all threads of this process spend on one call."""
+    started = time.process_time()
+    function()
+    return time.process_time() - started
+
+
 def spread(samples: list[float]) -> dict[str, float]:
     """Median, least and greatest of some samples, and all of them."""
     return {

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ... import optics
+from glass_refraction import optics
+
 from .cases import FINE_TOLERANCE, HOLLOW, WATER
 from .forward import FOCAL_PX, angles_px
 from .measure import seconds, spread
@@ -87,7 +88,8 @@ def grid(corner, side, other, cells: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _refined(glass, path, eye, points, triangles, tolerance_px):
     """The product's own refinement of a mesh: seconds, points and triangles."""
-    from ...scene.vertices.tessellation import Images, Triangles, refine, region_probe
+    from glass_refraction.scene.vertices.tessellation import Images, Triangles, refine, region_probe
+
     from .views import standing, viewpoint
 
     view = viewpoint(eye, points.mean(axis=0), FOCAL_PX, SIZE)
