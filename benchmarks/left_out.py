@@ -203,9 +203,9 @@ def describe(found: dict) -> list[str]:
         "*unseen*: part of the light whose hits no view shows; *PSNR*: inside the glass, against "
         "the row that keeps most, same seed. *Displaced shading*: a copy is one source along one "
         "path of one glass, solved vertex by vertex; sources that do not appear in the path's "
-        "region get none. The light of a path is its mean weight over the pixels of the glass. *PSNR*: the picture with default "
-        "settings against one that keeps more, same seed, over the picture and inside the glass; "
-        "it is what leaving out costs.",
+        "region get none. The light of a path is its mean weight over the pixels of the glass. "
+        "*PSNR*: the picture with default settings against one that keeps more, same seed, over "
+        "the picture and inside the glass; it is what leaving out costs.",
         "",
     ]
     for scene in found["scenes"]:
@@ -244,8 +244,8 @@ def describe(found: dict) -> list[str]:
         lines += [
             f"Displaced shading: {scene['sources']} sources of "
             f"{number(scene['source_vertices'])} vertices; {kept['copies']} copies where every "
-            f"source along every kept path would be {possible}; {kept['empty_copies']} do not appear "
-            "in their region; bound on the gap "
+            f"source along every kept path would be {possible}; {kept['empty_copies']} do not "
+            "appear in their region; bound on the gap "
             f"{number(kept['bound_px'])} px.",
             "",
         ]
