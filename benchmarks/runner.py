@@ -16,10 +16,10 @@ from .measure import machine
 from .plots import draw
 from .settings import Settings
 
-PARTS = ("solver", "tessellation", "pictures", "scaling", "stability", "left_out")
+PARTS = ("solver", "rays", "tessellation", "pictures", "scaling", "stability", "left_out")
 """In the report's order; each the name of a module."""
 
-BLENDER_PARTS = frozenset(PARTS) - {"solver", "stability"}
+BLENDER_PARTS = frozenset(PARTS) - {"solver", "rays", "stability"}
 """Parts that need Blender; the others run on NumPy alone."""
 SCENE_PARTS = frozenset({"pictures", "left_out"})
 """Parts that render the scenes of the settings."""

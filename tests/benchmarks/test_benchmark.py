@@ -13,6 +13,7 @@ from benchmarks import (
     newton,
     paper,
     plots,
+    rays,
     runner,
     solver,
     stability,
@@ -209,6 +210,22 @@ def test_the_hard_cases_hold(report):
     assert [v for name, v in compared.items() if "caustic" in name] == [0, 0, 0, 0]
     assert found["random"]["over"] == 0
     assert found["random"]["held"] == found["random"]["images"] > 0
+
+
+def test_exit_rays_keep_all_light_and_ask_the_caster_once_a_step():
+    found = rays.run(TINY)
+    assert [row["name"] for row in found["shapes"]] == list(rays.SHAPES)
+    for row in found["shapes"]:
+        assert row["imbalance"] < 1e-12 and 0.0 <= row["lost"] < 0.1
+        assert 0 < row["met"] <= row["rays"] <= row["ways"]
+        assert row["casts"] <= row["steps"]
+        assert row["rays"] <= row["rays_cast"] <= row["steps"] * row["ways"]
+    for row in found["hard"]:
+        assert row["imbalance"] < 1e-12 and row["nonfinite"] == 0, row["name"]
+        if row["compared"] is not None:
+            assert row["compared"] > 0.98 and row["turned"] < 1e-8 and row["moved"] < 1e-8
+    assert sum(row["compared"] is not None for row in found["hard"]) == 5
+    assert rays.describe(found)
 
 
 def test_the_same_seed_gives_the_same_figures():
