@@ -9,6 +9,7 @@ from glass_refraction import optics
 
 from .cases import FINE_TOLERANCE, HOLLOW, WATER
 from .forward import FOCAL_PX, angles_px
+from .gaps import triangle_gaps
 from .measure import seconds, spread
 from .plots import Chart, Curve
 from .settings import Settings
@@ -121,7 +122,7 @@ def _measured(settings: Settings, glass, path, eye, points, triangles) -> dict:
 
     apparent = solve(points)
     taken = spread([seconds(lambda: solve(points)) for _ in range(settings.repeats)])
-    bound = optics.triangle_gaps(glass, path, eye, points, triangles, apparent, focal_px=FOCAL_PX)
+    bound = triangle_gaps(glass, path, eye, points, triangles, apparent, focal_px=FOCAL_PX)
     inner = _inner_weights()
     corners = points[triangles]
     places = np.einsum("pk,tkc->tpc", inner, corners).reshape(-1, 3)
