@@ -83,14 +83,6 @@ def peak_bytes(function: Callable[[], object]) -> int:
     return peak
 
 
-def resident_bytes() -> int | None:
-    """Memory of this process that is in use now; None where the system does not tell."""
-    table = Path("/proc/self/statm")
-    if not table.exists():
-        return None
-    return int(table.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
 def machine() -> dict[str, str | int]:
     """Processor, cores and versions."""
     if "bpy" in sys.modules:

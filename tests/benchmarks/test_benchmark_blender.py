@@ -68,9 +68,9 @@ def test_pictures_come_from_a_scene_file(tmp_path):
     assert names == [
         "True",
         "True, OIDN",
+        "Displaced",
         "True, 1 capture",
         "True, 1 capture, OIDN",
-        "Displaced",
     ]
     for variant in scene["composited"]:
         for row in variant["rows"]:

@@ -254,8 +254,8 @@ def test_memory_stays_flat_over_a_long_playback():
         first = tracemalloc.get_traced_memory()[0]
         for _ in range(3):
             play()
-        # An array of the ball's vertices kept from every frame would be 1.6 MB; Python's and NumPy's
-        # own lists of free blocks take some hundred bytes a frame.
+        # An array of the ball's vertices kept from every frame would be 1.6 MB; Python's and
+        # NumPy's own lists of free blocks take some hundred bytes a frame.
         assert tracemalloc.get_traced_memory()[0] < first + 400_000
     finally:
         tracemalloc.stop()
