@@ -22,10 +22,12 @@ WAYS = 24
 CHAOTIC = 8
 """Events from which on rounding grows beyond what single precision can tell."""
 
-STAR = [
-    (np.cos(0.2 * np.pi * k) / (1 + k % 2), np.sin(0.2 * np.pi * k) / (1 + k % 2))
-    for k in range(10)
-]
+STAR = np.array(
+    [
+        (np.cos(0.2 * np.pi * k) / (1 + k % 2), np.sin(0.2 * np.pi * k) / (1 + k % 2))
+        for k in range(10)
+    ]
+)
 
 
 def shapes(optics):
