@@ -59,6 +59,8 @@ def prepare(scene: bpy.types.Scene) -> None:
     cast = own_scene(scene, CAST)
     if not cast.collection.children:
         fill_cast_collection(new_collection(CAST, cast))
+        # Evaluated, never rendered.
+        cast.view_layers[0].use = False
         synchronise(cast.view_layers[0])
     views = [own_scene(scene, CAPTURE, number) for number in range(ROOM.captures)]
     views += [own_scene(scene, SKY, number) for number in range(ROOM.skies)]

@@ -95,8 +95,7 @@ def rest():
     started = time.perf_counter()
     yield 0.3
     while time.perf_counter() - started < REST_SECONDS:
-        known = views._views.values()
-        if known and all(v.final or v.failure for v in known):
+        if views.at_rest():
             break
         yield 0.1
     else:
