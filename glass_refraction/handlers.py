@@ -21,6 +21,7 @@ from .scene import changes
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
+from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
 from .scene.vertices import motion_blur
 
@@ -186,17 +187,19 @@ def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     _rendering = False
     if own(scene):
         return
-    # Views that a frame does not need are off: where no glass is seen, all are.
-    wanted = any(
-        layer.use for own_scene in find_own_scenes(scene) for layer in own_scene.view_layers
-    )
-    if scene.render.use_compositing and wanted and not _own_rendered:
+    if scene.render.use_compositing and _asks_for_own(scene) and not _own_rendered:
         door.status(scene).problems.append(LEFT_OUT)
         print(f"Refractive Glass: {LEFT_OUT}")
     if threading.current_thread() is threading.main_thread():
         door.free_leftovers()
     else:
         request_update(scene)
+
+
+def _asks_for_own(scene: bpy.types.Scene) -> bool:
+    """Whether the scene's compositor has any own scene drawn in this frame."""
+    own_scenes = [s for s in find_own_scenes(scene) if not own(s, true.CAST)]
+    return any(layer.use for own_scene in own_scenes for layer in own_scene.view_layers)
 
 
 @persistent

@@ -416,6 +416,9 @@ class _Followed:
         code = _interface_code(met.glass, met.interface)
         through.path = np.where(straight[on], through.path, fold(through.path, code[on]))
         off.path = fold(off.path, code[back] + 1)
+        if not self.fresnel:
+            # A surface that only refracts is black where it would reflect totally, as in Cycles.
+            off.depth = np.full_like(off.depth, np.inf)
         touches = lift[on] > 0.0
         seen, through = (through.take(np.flatnonzero(part)) for part in (touches, ~touches))
         return seen, _Live.join([through, off]), dropped

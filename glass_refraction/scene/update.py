@@ -121,6 +121,7 @@ def prepare(
         if find_own_scenes(scene, displaced.ROLES):
             displaced.remove(scene)
         true.prepare(scene)
+        memory_of(scene).standing = list(problems)
     else:
         true.remove(scene)
         displaced.prepare(scene, depsgraph, glasses, view, problems)

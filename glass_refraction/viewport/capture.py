@@ -34,6 +34,8 @@ PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 MIDDLE = 0.5
 """How much nearer to a thing a centre may lie for being nearer to the middle."""
 
+KEPT = 0.2
+"""Of a glass's reach: a centre that much better is worth all faces anew."""
 LEAST_HALF = 1e-6
 """Metres: flat things have a box too."""
 
@@ -58,6 +60,7 @@ class Captures:
         self._atlas = None
         self._face = None
         self._key: tuple = ()
+        self._boxes: list[Box] = []
 
     @property
     def textures(self) -> tuple:
@@ -87,7 +90,10 @@ class Captures:
         ]
 
     def arrange(self, glasses: list[Posed], shading: tuple, boxes: list[Box]) -> None:
-        """See that every glass has a capture; what has changed is drawn anew later."""
+        """See that every glass has a capture, to be drawn when there is time.
+
+        Until then the last ones are looked up, from where they were drawn.
+        """
         side = SIDES.get(shading[0], SIDES["SOLID"])
         glasses = glasses[:CAPTURES]
         key = (side, len(glasses))
@@ -97,7 +103,9 @@ class Captures:
             self._face = None
             # As large as it will be: drivers compile shaders anew for textures of another kind.
             self._make_atlas(FACES * side, max(1, len(glasses)) * side)
-        self.centres = [centre_of(glass, boxes) for glass in glasses]
+            self.centres = [glass.middle() for glass in glasses]
+        self._boxes = boxes
+        self.outdate()
 
     def outdate(self) -> None:
         """The scene or its looks changed."""
@@ -119,6 +127,9 @@ class Captures:
         """
         global _drawing
         number, face = min(self._stale)
+        if all((number, other) in self._stale for other in range(FACES)):
+            glass = glasses[number]
+            self.centres[number] = centre_of(glass, self._boxes, self.centres[number])
         self._stale.discard((number, face))
         side, centre = self.side, self.centres[number]
         if self._face is None:
@@ -207,16 +218,25 @@ def face_projection(near: float, far: float) -> np.ndarray:
     return matrix
 
 
-def centre_of(glass: Posed, boxes: list[Box]) -> np.ndarray:
-    """(3,) the place in a glass that is far from all things, and near the middle where it may."""
+def centre_of(glass: Posed, boxes: list[Box], last: np.ndarray) -> np.ndarray:
+    """(3,) the place in a glass that is far from all things, and near the middle where it may.
+
+    Parameters
+    ----------
+    last : where the last capture was drawn from: it stays if it is nearly as good, so that faces
+        that were drawn before go on to fit.
+    """
     low, high = glass.body.box
     parts = np.array(list(product(PLACES, repeat=3)))
     places = (low + (high - low) * parts) @ glass.to_world[:3, :3].T + glass.to_world[:3, 3]
+    places = np.concatenate((last[None], places))
     room = np.full(len(places), glass.reach())
     for box in boxes:
         room = np.minimum(room, box.distance(places))
     away = np.linalg.norm(places - glass.middle(), axis=1)
-    return places[int(np.argmax(room - MIDDLE * away))]
+    score = room - MIDDLE * away
+    best = int(np.argmax(score))
+    return places[0 if score[best] - score[0] < KEPT * glass.reach() else best]
 
 
 @dataclass(frozen=True)
@@ -236,6 +256,11 @@ class Box:
         """(4, 4): from the world to a frame in which the box runs from -1 to 1."""
         half = np.maximum(self.half, LEAST_HALF)
         return np.diag([*(1.0 / half), 1.0]) @ self.to_box
+
+    def is_near(self, place: np.ndarray, reach: float) -> bool:
+        """Whether the box may come within a distance of a place."""
+        local = self.to_box[:3, :3] @ place + self.to_box[:3, 3]
+        return bool(np.all(np.abs(local) < self.half + reach))
 
     def corners(self) -> np.ndarray:
         """(8, 3) in the world."""

@@ -51,9 +51,27 @@ def depth_line(view: Viewpoint) -> tuple[float, float, float, float]:
     return (q, 0.0, p - 1.0, 2.0)
 
 
-def depths(view: Viewpoint, values: np.ndarray) -> np.ndarray:
-    """Depths in metres along the view of a depth buffer's values."""
+def depth_begin(view: Viewpoint, frame: Frame) -> float:
+    """Depth along the view, in units of the common frame, from which the shader counts.
+
+    A parallel view's near plane may be a kilometre before the glasses: single precision would not
+    tell what lies there apart. Its depths are counted from the middle of the glasses.
+    """
+    if not view.is_parallel:
+        return 0.0
+    return float(-view.to_camera[2] @ np.append(frame.origin, 1.0)) / frame.unit
+
+
+def common_line(view: Viewpoint, frame: Frame) -> tuple[float, float, float, float]:
+    """As `depth_line`, for depths in units of the common frame from `depth_begin` on."""
     a, b, c, d = depth_line(view)
+    begin = depth_begin(view, frame) * frame.unit
+    return (a - begin * c, b - begin * d, c * frame.unit, d * frame.unit)
+
+
+def depths(line: tuple[float, float, float, float], values: np.ndarray) -> np.ndarray:
+    """Depths that a depth buffer's values mean, by the numbers of `common_line`."""
+    a, b, c, d = line
     return (a + b * values) / (c + d * values)
 
 
@@ -62,6 +80,7 @@ def pack_view(
     frame: Frame,
     within: tuple[int, int],
     captures: list[tuple[np.ndarray, int]],
+    scene_reach: float,
 ) -> np.ndarray:
     """The shader's block of a view, float32; see ``View`` in :mod:`glsl`.
 
@@ -70,15 +89,18 @@ def pack_view(
     within : the glass that the eye is in, -1 for none, and the medium there.
     captures : for each its centre (3,) in the world and the pixels of a face's side, 0 while
         nothing of it is drawn.
+    scene_reach : metres from the frame's origin within which all things are.
     """
     to_world, unit = frame.to_world(), frame.unit
     block = np.zeros((12 + CAPTURES, 4))
     # Column by column, as GLSL keeps matrices.
     block[:4] = (view.projection @ view.to_camera @ to_world).T
+    begin = depth_begin(view, frame)
     block[4] = -view.to_camera[2] @ to_world / unit
-    a, b, c, d = depth_line(view)
-    block[5] = a, b, c * unit, d * unit
-    near, far = (float(v) / unit for v in depths(view, np.array([0.0, 1.0])))
+    block[4, 3] -= begin
+    line = common_line(view, frame)
+    near, far = (float(v) for v in depths(line, np.array([0.0, 1.0])))
+    longest = min(far - near, 2.0 * frame.reach + 2.0 * scene_reach / unit)
     middle = float(-view.to_camera[2] @ np.append(frame.origin, 1.0)) / unit
     matrix = view.ray_matrix()
     if view.is_parallel:
@@ -92,7 +114,10 @@ def pack_view(
         block[6, :3] = place + ahead * matrix[:, 3]
         block[7, :3], block[8, :3] = ahead * matrix[:, 0], ahead * matrix[:, 1]
         block[9] = (*place, 1.0)
-    block[10] = *view.size, near, far
+    # Of a pixel at a depth of z: footprint + z · growth.
+    pixel = float(np.linalg.norm(block[7, :3]))
+    block[5, :2] = (pixel, 0.0) if view.is_parallel else (0.0, pixel / ahead)
+    block[10] = *view.size, near, longest
     block[11] = MARGIN * frame.reach, *within, 0.0
     for number, (centre, side) in enumerate(captures[:CAPTURES]):
         block[12 + number] = *frame.place(centre), side

@@ -31,12 +31,12 @@ struct Glasses {{ vec4 rows[{ROWS}]; }};
 struct View {{
   mat4 to_clip;      /* common frame to the view's clip space */
   vec4 depth_row;    /* common place to depth along the view, in common units */
-  vec4 depth_line;   /* (a, b, c, d): the depth buffer's v is a depth of (a + b v) / (c + d v) */
+  vec4 pixel;        /* (a, b): a pixel is a + b z wide at a depth of z */
   vec4 plane;        /* common place of pixel (0, 0) on a plane across the view */
   vec4 right;        /* and how it moves by a pixel to the right, */
   vec4 up;           /* and up */
   vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
-  vec4 size;         /* pixels; near and far depth */
+  vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
   vec4 start;        /* the ball that holds all glasses; glass and medium that the eye is in; - */
   vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
 }};
@@ -643,8 +643,11 @@ LOOKUP = """
 #define THIN 0.03
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
-/* Part of the depth by which a surface comes nearer within a pixel; more is another's edge. */
-#define EDGE 0.01
+/* Widths of a pixel by which a surface comes nearer from look to look; more is another's edge. */
+#define EDGE 12.0
+#define UNKNOWN -1e18
+/* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1/2. */
+#define LIMB 1.4
 /* Where a thing is nearer to a face than this, in common units, it touches it. */
 #define TOUCHING 0.03
 /* How much nearer than the glass a thing must be to cover it, in common units. */
@@ -652,6 +655,9 @@ LOOKUP = """
 
 vec4 sum = vec4(0.0);
 float got = 0.0;
+
+/* By how much depths differ at an edge, at a depth of z. */
+float edge_at(float z) { return EDGE * (view.pixel.x + view.pixel.y * z); }
 
 float depth_at(ivec2 pixel)
 {
@@ -757,6 +763,18 @@ bool in_view(vec4 begin, vec4 step_, float z0, float z1, inout float low, inout 
   return low < high;
 }
 
+/* Depth of a round thing's edge, which lies up to a look before a pixel that shows `shown`: depths
+ * grow towards it as a square root, whose mean course over a pixel leads from two of them to it. */
+float limb_at(vec2 pixel, vec2 heading, float shown)
+{
+  float before = depth_at(ivec2(pixel - heading));
+  if (abs(before - shown) > edge_at(shown)) {
+    before = shown;
+    shown = depth_at(ivec2(pixel + heading));
+  }
+  return before + LIMB * max(before - shown, 0.0);
+}
+
 /* Where a ray meets what the view shows: marched through the view's depths, pixel by pixel, and
  * over whole tiles that it passes in front of or behind. `hidden`: it was behind something. */
 bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out bool hidden)
@@ -782,14 +800,15 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
   vec2 span = b - a;
   float pixels = max(max(abs(span.x), abs(span.y)), 1e-3);
   float by_pixel = min(1.0 / pixels, 1.0);
+  vec2 heading = span / pixels;
   vec2 per = 1.0 / max(abs(span), vec2(1e-6));
   float u = 0.0;
   float shown_before = depth_at(ivec2(a));
   float before = z0 + low * z1 - shown_before;
   float z_before = z0 + low * z1;
   bool behind = before > NEARER;
-  /* Depth of the edge that the ray passed behind, -1 if it is not known. */
-  float limb = -1.0;
+  /* Depth of the edge that the ray passed behind. */
+  float limb = UNKNOWN;
   float u_before = 0.0;
   hidden = hidden || behind;
   for (int k = 0; k < DIRECT_STEPS; k++) {
@@ -811,24 +830,25 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       u = next;
       u_before = u;
       z_before = z;
-      shown_before = -1.0;
+      shown_before = UNKNOWN;
       continue;
     }
-    if (behind && min(z, z_before) > max(range.y, limb > 0.0 ? 2.0 * limb - range.x : 0.0)) {
+    float back = limb > UNKNOWN ? 2.0 * limb - range.x : UNKNOWN;
+    if (behind && min(z, z_before) > max(range.y, back)) {
       u = next;
       u_before = u;
       z_before = z;
-      shown_before = -1.0;
+      shown_before = UNKNOWN;
       continue;
     }
-    if (shown_before < 0.0) {
+    if (shown_before <= UNKNOWN) {
       shown_before = depth_at(ivec2(pixel));
       before = z_before - shown_before;
       if (!behind && before > SLACK) {
         /* An edge lies just at the tile's: the ray passes behind it. */
         behind = true;
         hidden = true;
-        limb = shown_before;
+        limb = limb_at(pixel, heading, shown_before);
       }
       else if (before <= 0.0) {
         behind = false;
@@ -848,19 +868,19 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
     }
     else if (!behind) {
       /* One surface goes on from pixel to pixel; behind an edge the ray may pass. */
-      met = jump < EDGE * shown + abs(z - z_before);
+      met = jump < edge_at(shown) + abs(z - z_before);
       behind = !met;
-      limb = shown;
+      limb = met ? UNKNOWN : limb_at(pixel, heading, shown);
     }
-    else if (jump > EDGE * shown) {
-      limb = shown;
+    else if (jump > edge_at(shown)) {
+      limb = limb_at(pixel, heading, shown);
     }
-    else if (jump < -EDGE * shown) {
-      limb = -1.0;
+    else if (jump < -edge_at(shown)) {
+      limb = UNKNOWN;
     }
     /* Round things are as thick behind their edge as before it: the back is the front's mirror
      * image. */
-    met = met || (behind && limb > 0.0 && z - limb < limb - shown + SLACK);
+    met = met || (behind && limb > UNKNOWN && z - limb < limb - shown + SLACK);
     if (met) {
       float part = clamp(before < 0.0 ? -before / (gap - before) : 0.0, 0.0, 1.0);
       float found = behind ? next : mix(u_before, next, part);
@@ -974,7 +994,11 @@ bool seen(vec3 o, vec3 d, float reach, int slot, out vec4 colour, out float way)
 /* What a ray shows of which no view shows the end: the world, or the nearest that is known. */
 vec4 beyond(vec3 o, vec3 d, int slot)
 {
-  vec4 clip = view.to_clip * vec4(o + view.size.w * d, 1.0);
+  vec4 clip = view.to_clip * vec4(d, 0.0);
+  if (view.eye.w < 0.5) {
+    /* In a parallel view what is far off is seen where the ray leaves the scene. */
+    clip = view.to_clip * vec4(o + view.size.w * d, 1.0);
+  }
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
   bool shown = clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
                all(lessThan(pixel, view.size.xy));
@@ -982,7 +1006,7 @@ vec4 beyond(vec3 o, vec3 d, int slot)
     return direct_at(pixel);
   }
   if (slot >= 0) {
-    return capture_colour(slot, o + view.size.w * d - view.captures[slot].xyz);
+    return capture_colour(slot, d);
   }
   if (clip.w <= 0.0) {
     clip = view.to_clip * vec4(o, 1.0);
@@ -1133,6 +1157,7 @@ void main()
   /* Whether there is any glass, and how many samples the pixel has. */
   cover = vec4(0.0, 1.0, 0.0, 0.0);
   if (off > view.start.x) {
+    cover *= band.a;
     return;
   }
   if (only_edges != 0 && !is_edge(ivec2(gl_FragCoord.xy))) {
@@ -1153,6 +1178,12 @@ void main()
     color = sum / got;
     cover.r = 1.0;
   }
+  else if (way < NOWHERE && splits == 0) {
+    /* What only refracts is black where it would reflect totally. */
+    color.a = cover.r = 1.0;
+  }
+  color *= band;
+  cover *= band.a;
 }
 """
 
@@ -1205,10 +1236,32 @@ void main()
 
 # Puts the picture into the view. part 0: what the view's pixels are multiplied by, 1: what is added
 # to them; 2: what the background, which lies in the overlay, is multiplied by, 3: the background
-# that is added where a surface stood.
+# that is added where a surface stood. The overlay also has the lines that the glasses are drawn by
+# so that they can be clicked at; where no glass is selected they are taken out.
 RESULT = (
     SMOOTH
     + """
+#define LINE_REACH 1
+#define LINE_PART 0.004
+
+/* Whether an overlay's line at the depth of the glasses is drawn here or right beside. */
+bool is_line(ivec2 pixel)
+{
+  ivec2 last = textureSize(direct_tx, 0) - 1;
+  for (int y = -LINE_REACH; y <= LINE_REACH; y++) {
+    for (int x = -LINE_REACH; x <= LINE_REACH; x++) {
+      ivec2 p = clamp(pixel + ivec2(x, y), ivec2(0), last);
+      float value = texelFetch(raw_tx, p, 0).r;
+      float depth = (line.x + line.y * value) / (line.z + line.w * value);
+      if (value < 1.0 && depth > lines_at.x && depth < lines_at.y &&
+          texelFetch(depth_tx, p, 0).r > depth + LINE_PART * max(abs(depth), 1.0)) {
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
 void main()
 {
   vec2 place = gl_FragCoord.xy / divisor;
@@ -1220,17 +1273,21 @@ void main()
   }
   seen /= max(covers_.g, 1.0);
   float covers = covers_.r / max(covers_.g, 1.0);
-  float before = texelFetch(direct_tx, ivec2(gl_FragCoord.xy), 0).a;
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  float before = texelFetch(direct_tx, pixel, 0).a;
   float after = (1.0 - covers) * before + min(seen.a, covers);
-  bool is_open = before < 0.99;
   if (part == 0) {
     frag = vec4(1.0 - covers);
+    return;
   }
-  else if (part == 1) {
+  if (part == 1) {
     frag = seen;
+    return;
   }
-  else if (part == 2) {
-    frag = vec4(is_open ? (1.0 - after) / (1.0 - before) : 1.0);
+  bool erased = lines_at.x < lines_at.y && is_line(pixel);
+  bool is_open = before < 0.99 && !erased;
+  if (part == 2) {
+    frag = vec4(erased ? 0.0 : (is_open ? (1.0 - after) / (1.0 - before) : 1.0));
   }
   else {
     frag = is_open || after > 0.99 ? vec4(0.0) : (1.0 - after) * backdrop;

@@ -8,6 +8,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
+from .. import optics
 from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import as_body, glass_objects, is_mesh_glass, read_glass
 from ..scene.read.sources import source_objects
@@ -29,6 +30,7 @@ class Model:
     ----------
     key : what it was read from. enabled : the scene's setting, None before the first look.
     glasses, frame, block : see :mod:`description`. boxes : see `capture.boxes_of`.
+    bands : the same blocks for red, green and blue light; empty if no glass disperses.
     within : the glass that the eye is in, -1 for none, and the medium there.
     problems : one line for each glass that is left out.
     """
@@ -39,6 +41,9 @@ class Model:
         self.glasses: list[Posed] = []
         self.frame: Frame | None = None
         self.block: np.ndarray | None = None
+        self.bands: list[np.ndarray] = []
+        self._bands: list[list] = []
+        self._names: tuple[int, ...] = ()
         self.boxes: list[Box] = []
         self.within = (-1, 0)
         self.problems: list[str] = []
@@ -53,17 +58,21 @@ class Model:
 
         things = [obj for obj in source_objects(layer) if visible(obj)]
         self.boxes = boxes_of(things, depsgraph)
-        found = []
+        self._names = tuple(obj.session_uid for obj in things)
+        found, self._bands = [], []
         for obj in glass_objects(layer):
             if not visible(obj) or is_mesh_glass(obj):
                 continue
             try:
-                glass = as_body(read_glass(obj, depsgraph))
+                read = read_glass(obj, depsgraph)
             except RefractiveGlassError as error:
                 self.problems.append(str(error))
                 continue
+            glass = as_body(read)
             if glass is not None:
                 found.append(Posed(glass.description, glass.to_world, glass.absorption))
+                seen = [as_body(band).description for band in read.bands()]
+                self._bands.append(seen * (len(optics.LINES) // len(seen)))
         self.glasses = [
             replace(
                 glass,
@@ -74,6 +83,17 @@ class Model:
         ]
         self.block = None
         self.frame = common_frame(self.glasses) if self.glasses else None
+
+    def signature(self) -> tuple:
+        """What tells of glasses and of which things are there; equal ones look the same."""
+        return (self._names, *((g.body, g.to_world.tobytes(), g.absorption) for g in self.glasses))
+
+    def scene_reach(self) -> float:
+        """Metres from the frame's origin within which all things are."""
+        if not self.boxes:
+            return 0.0
+        corners = np.concatenate([box.corners() for box in self.boxes])
+        return float(np.linalg.norm(corners - self.frame.origin, axis=1).max())
 
     def look_from(self, view: Viewpoint) -> None:
         """Tell in which media the eye is, and write the block if that changed."""
@@ -99,14 +119,32 @@ class Model:
         while self.glasses:
             try:
                 self.block = pack(self.glasses, self.frame)
+                self.bands = self._pack_bands()
                 return
             except TooMuch as error:
                 self.problems.append(f"A glass is left out of the view: {error}")
                 self.glasses.pop()
 
+    def _pack_bands(self) -> list[np.ndarray]:
+        count = len(self.glasses)
+        if all(len(set(seen)) == 1 for seen in self._bands[:count]):
+            return []
+        return [
+            pack(
+                [
+                    replace(glass, body=seen[number])
+                    for glass, seen in zip(self.glasses, self._bands[:count], strict=True)
+                ],
+                self.frame,
+            )
+            for number in range(len(optics.LINES))
+        ]
+
 
 def _reaches_in(box: Box, glass: Posed) -> bool:
     """Whether a thing's box may reach into a glass."""
+    if not box.is_near(glass.middle(), glass.reach()):
+        return False
     low, high = glass.body.box
     skin = WITHIN * (high - low)
     local = (box.corners() - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]

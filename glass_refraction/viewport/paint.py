@@ -18,7 +18,7 @@ import numpy as np
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import Frame, Posed
-from .eye import depth_line, depths, pack_view
+from .eye import common_line, depth_begin, depths, pack_view
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -41,19 +41,24 @@ class Direct:
 
     Attributes
     ----------
-    colour, depth, tiles : textures. has_depth : EEVEE writes none while overlays are off.
-    stamp : a part of the pixels, to tell whether anything changed.
+    colour, tiles : textures. raw, depth : of the depth buffer's values, and of what they mean in
+        units of the common frame, see `glsl.DEPTH`; line : the numbers (a, b, c, d) between both.
+    has_depth : EEVEE writes none while overlays are off.
+    stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
+        reading, what was Python's and NumPy's part.
     """
 
     def __init__(self) -> None:
         self.size = (0, 0)
-        self.colour = self.depth = self.tiles = None
+        self.colour = self.raw = self.depth = self.tiles = None
+        self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
         self.stamp: np.ndarray | None = None
+        self.python_seconds = 0.0
         self._buffers: tuple = ()
         self._target = None
 
-    def read(self, framebuffer, view: Viewpoint, unit: float) -> bool:
+    def read(self, framebuffer, view: Viewpoint, frame: Frame) -> bool:
         """Take the view's picture over; whether it differs from the last one."""
         width, height = view.size
         if self.size != view.size:
@@ -66,9 +71,12 @@ class Direct:
         framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT", data=colour)
         framebuffer.read_depth(0, 0, width, height, data=depth)
         self.colour = gpu.types.GPUTexture(view.size, format="RGBA16F", data=colour)
-        self._linear(view, unit, gpu.types.GPUTexture(view.size, format="R32F", data=depth))
+        self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
+        self.line = common_line(view, frame)
+        self._linear(view)
+        began = time.thread_time()
         values = np.asarray(depth)
-        tiles = _tiles(values, view, unit)
+        tiles = _tiles(values, self.line)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
         rows, columns, _ = tiles.shape
         self.tiles = gpu.types.GPUTexture(
@@ -77,37 +85,47 @@ class Direct:
         stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
+        self.python_seconds = time.thread_time() - began
         return not same
 
-    def _linear(self, view: Viewpoint, unit: float, raw) -> None:
+    def _linear(self, view: Viewpoint) -> None:
         """Fill the texture of depths along the view from the depth buffer's values."""
         if self.depth is None or (self.depth.width, self.depth.height) != view.size:
             self.depth = gpu.types.GPUTexture(view.size, format="R32F")
             self._target = gpu.types.GPUFrameBuffer(color_slots=[self.depth])
         shader = _shader("depth")
-        a, b, c, d = depth_line(view)
         with self._target.bind():
             gpu.state.viewport_set(0, 0, *view.size)
             gpu.state.depth_test_set("NONE")
             gpu.state.blend_set("NONE")
             shader.bind()
-            shader.uniform_sampler("raw_tx", raw)
-            shader.uniform_float("line", (a, b, c * unit, d * unit))
+            shader.uniform_sampler("raw_tx", self.raw)
+            shader.uniform_float("line", self.line)
             shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
             _quad().draw(shader)
 
 
-def _tiles(values: np.ndarray, view: Viewpoint, unit: float) -> np.ndarray:
-    """(rows, columns, 2) float32: nearest and farthest depth of tiles, in units of the frame."""
+def _tiles(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
+    """(rows, columns, 2) float32: nearest and farthest depth of tiles, see `eye.common_line`."""
     height, width = values.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
     found = np.empty((rows, columns, 2), np.float32)
-    starts = np.arange(columns) * TILE
     for axis, best in ((0, np.minimum), (1, np.maximum)):
-        by_row = best.reduceat(values, np.arange(rows) * TILE, axis=0)
-        by_tile = best.reduceat(by_row, starts, axis=1)
+        by_row = _by_tiles(values, rows, best)
+        by_tile = _by_tiles(by_row.T, columns, best).T
         far = by_tile >= 1.0
-        found[..., axis] = np.where(far, _FAR, depths(view, np.where(far, 0.0, by_tile)) / unit)
+        found[..., axis] = np.where(far, _FAR, depths(line, np.where(far, 0.0, by_tile)))
+    return found
+
+
+def _by_tiles(values: np.ndarray, count: int, best) -> np.ndarray:
+    """Rows (count, N) of which each is the best of TILE rows, the last of as many as are left."""
+    whole = len(values) // TILE
+    found = np.empty((count, values.shape[1]), values.dtype)
+    parts = values[: whole * TILE].reshape(whole, TILE, values.shape[1])
+    best.reduce(parts, axis=1, out=found[:whole])
+    if whole < count:
+        best.reduce(values[whole * TILE :], axis=0, out=found[whole])
     return found
 
 
@@ -145,26 +163,40 @@ class Painter:
         self._layers = [_Layer() for _ in range(LAYERS)]
         self._used: list[_Layer] = []
         self._drawn = self._layers[0]
-        self._block: tuple = (None, None)
+        self._blocks: list[tuple] = []
         self._view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
+        self._depths = self._lines_at = (0.0, 0.0)
         self._strips: list[tuple[float, float, float, float]] = []
 
     def describe(
         self,
-        block: np.ndarray,
+        blocks: list[np.ndarray],
         view: Viewpoint,
         frame: Frame,
         glasses: list[Posed],
         within: tuple[int, int],
         captures: list[tuple[np.ndarray, int]],
+        scene_reach: float,
     ) -> None:
-        """Hand the glasses' block (see :mod:`description`) and the view to the shader."""
-        if self._block[0] is not block:
-            self._block = (block, _uniform(block))
-        self._view_block = _uniform(pack_view(view, frame, within, captures))
+        """Hand the glasses' block (see :mod:`description`) and the view to the shader.
+
+        Parameters
+        ----------
+        blocks : one, and if a glass disperses one each for red, green and blue light.
+        """
+        same = len(blocks) == len(self._blocks) and all(
+            known[0] is block for known, block in zip(self._blocks, blocks, strict=True)
+        )
+        if not same:
+            self._blocks = [(block, _uniform(block)) for block in blocks]
+        self._view_block = _uniform(pack_view(view, frame, within, captures, scene_reach))
         self._view = view
+        middles = np.array([glass.middle() for glass in glasses])
+        ahead = view.clip(middles)[:, 3] / frame.unit - depth_begin(view, frame)
+        reaches = np.array([glass.reach() for glass in glasses]) / frame.unit
+        self._depths = float((ahead - reaches).min()), float((ahead + reaches).max())
         self._rects = merged([screen_rect(glass, view) for glass in glasses])
 
     @property
@@ -210,6 +242,7 @@ class Painter:
         captures: tuple,
         pixels: int | None = None,
         edges_of: int | None = None,
+        disperses: bool = False,
     ) -> int:
         """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
 
@@ -217,6 +250,7 @@ class Painter:
         ----------
         captures : the textures of all captures, see `capture.Captures.textures`.
         edges_of : number of the layer of which only the edges get a sample.
+        disperses : follow red, green and blue light each on its own, if that differs.
         pixels : about how many to draw now; the next call goes on. None: all.
 
         Returns
@@ -238,7 +272,6 @@ class Painter:
             gpu.state.depth_mask_set(False)
             gpu.state.blend_set("ADDITIVE_PREMULT")
             shader.bind()
-            shader.uniform_block("glasses", self._block[1])
             shader.uniform_block("view", self._view_block)
             shader.uniform_sampler("direct_tx", self.direct.colour)
             shader.uniform_sampler("depth_tx", self.direct.depth)
@@ -253,13 +286,24 @@ class Painter:
             shader.uniform_int("most", way.most)
             shader.uniform_int("splits", int(way.splits))
             shader.uniform_int("has_depth", int(self.direct.has_depth))
-            for rect in strips:
-                shader.uniform_float("box", rect)
-                _quad().draw(shader)
+            for uniform, band in self._passes(disperses):
+                shader.uniform_block("glasses", uniform)
+                shader.uniform_float("band", band)
+                for rect in strips:
+                    shader.uniform_float("box", rect)
+                    _quad().draw(shader)
             gpu.state.blend_set("NONE")
         if not self._strips:
             layer.samples += 1
         return int(sum(self._area(rect) for rect in strips))
+
+    def _passes(self, disperses: bool) -> list[tuple]:
+        """Glasses' blocks, and which colours and which part of a sample is drawn with each."""
+        if not disperses or len(self._blocks) == 1:
+            return [(self._blocks[0][1], (1.0, 1.0, 1.0, 1.0))]
+        uniforms = [uniform for _, uniform in self._blocks[1:]]
+        share = 1.0 / len(uniforms)
+        return [(u, (*row, share)) for u, row in zip(uniforms, np.eye(3).tolist(), strict=True)]
 
     def _area(self, rect) -> float:
         """Samples of a rectangle."""
@@ -286,7 +330,9 @@ class Painter:
             self._drawn.target.read_color(0, 0, 1, 1, 4, 0, "FLOAT")
         return time.perf_counter() - began
 
-    def show(self, framebuffer, backdrop: tuple[float, float, float, float]) -> None:
+    def show(
+        self, framebuffer, backdrop: tuple[float, float, float, float], lines: bool = True
+    ) -> None:
         """Put the picture into the view.
 
         Parameters
@@ -294,7 +340,9 @@ class Painter:
         framebuffer : the view's own: scene colours and depth. The bound one is the overlay's.
         backdrop : what the view shows where nothing is, linear; it lies in the overlay, is added to
             the scene and so has no alpha.
+        lines : leave the lines in the overlay that the glasses' meshes are drawn by.
         """
+        self._lines_at = (0.0, 0.0) if lines or not self.direct.has_depth else self._depths
         with framebuffer.bind():
             self._result(0, backdrop)
             self._result(1, backdrop)
@@ -316,6 +364,10 @@ class Painter:
         shader.uniform_sampler("more_cover_tx", other.cover)
         shader.uniform_int("more", int(other is not one))
         shader.uniform_sampler("direct_tx", self.direct.colour)
+        shader.uniform_sampler("raw_tx", self.direct.raw)
+        shader.uniform_sampler("depth_tx", self.direct.depth)
+        shader.uniform_float("line", self.direct.line)
+        shader.uniform_float("lines_at", self._lines_at)
         shader.uniform_int("part", part)
         shader.uniform_float("backdrop", backdrop)
         shader.uniform_float("divisor", float(self.divisor))
@@ -437,6 +489,7 @@ DESCRIPTIONS = {
     "picture": {
         "constants": [
             ("VEC4", "jitter"),
+            ("VEC4", "band"),
             ("VEC4", "box"),
             ("FLOAT", "least"),
             ("INT", "most"),
@@ -455,10 +508,20 @@ DESCRIPTIONS = {
             ("VEC4", "box"),
             ("VEC4", "backdrop"),
             ("INT", "part"),
+            ("VEC4", "line"),
+            ("VEC2", "lines_at"),
             ("INT", "more"),
             ("FLOAT", "divisor"),
         ],
-        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx", "direct_tx"],
+        "samplers": [
+            "color_tx",
+            "cover_tx",
+            "more_color_tx",
+            "more_cover_tx",
+            "direct_tx",
+            "raw_tx",
+            "depth_tx",
+        ],
         "outputs": ["frag"],
         "fragment": glsl.RESULT,
     },

@@ -149,6 +149,11 @@ class Baking:
             raise RefractiveGlassError(
                 f'Refractive Glass is off in scene "{scene.name}": switch it on to bake'
             )
+        if door.effective_shading(scene) == "TRUE":
+            raise RefractiveGlassError(
+                f'True shading of scene "{scene.name}" cannot be baked: choose Displaced as its '
+                "Shading"
+            )
         self.scene = scene
         self.frames = range(first, last + 1)
         self.problems: list[str] = []

@@ -25,6 +25,10 @@ Band = tuple[tuple[float, float, float], list[optics.Placed]]
 
 CONTACT = 1e-5
 """Of the glasses' size: what reaches no deeper among them only touches them."""
+MOST_PASSED = 32
+"""Surfaces one behind another that a ray passes because they are not seen through the glasses."""
+BEHIND = 1e-5
+"""Part of the way to such a surface by which the ray is put behind it."""
 MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
@@ -64,6 +68,7 @@ class Follower:
     caster : of things. boxes : (B, 2, 3) round these. hull : (2, 3) a box round all glasses.
     meshes : the glasses that are meshes.
     min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
+    through : (T,) bool, which triangles are seen through the glasses; None: all.
     """
 
     view: Viewpoint
@@ -75,6 +80,7 @@ class Follower:
     min_weight: float
     fresnel: bool
     kept: Kept
+    through: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         low, high = self.hull
@@ -118,7 +124,7 @@ class Follower:
                 origins,
                 directions,
                 min_weight=self.min_weight,
-                cast=self.caster.cast if things else None,
+                cast=self._cast if things else None,
                 things=self.boxes if things else None,
                 meet=self.meshes.meet if self.meshes else None,
                 fresnel=self.fresnel,
@@ -176,7 +182,7 @@ class Follower:
         ways = ways.take(np.flatnonzero(~hidden[ways.ray]))
         # From a little before: a thing that touches the glass there is seen through a film of air.
         begin = ways.origin - self._skin * ways.direction
-        distance, triangle = self.caster.cast(begin, ways.direction)
+        distance, triangle = self._cast_through(begin, ways.direction)
         distance = np.maximum(distance - self._skin, 0.0)
         return Ways(
             ways.ray,
@@ -188,6 +194,42 @@ class Follower:
             distance,
             triangle,
         )
+
+    def _cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What rays meet; those that come from the eye have passed no glass and meet all things."""
+        if self.through is None:
+            return self.caster.cast(origins, directions)
+        ahead = np.abs((origins - self.view.eye) @ self.view.forward)
+        if self.view.is_parallel:
+            first = ahead <= self._skin
+        else:
+            first = np.all(origins == self.view.eye, axis=1)
+        distance, triangle = np.full(len(origins), np.inf), np.full(len(origins), -1, np.intp)
+        for rows, cast in ((first, self.caster.cast), (~first, self._cast_through)):
+            rows = np.flatnonzero(rows)
+            if len(rows):
+                distance[rows], triangle[rows] = cast(origins[rows], directions[rows])
+        return distance, triangle
+
+    def _cast_through(
+        self, origins: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What rays meet of what is seen through the glasses."""
+        distance, triangle = self.caster.cast(origins, directions)
+        if self.through is None:
+            return distance, triangle
+        for _ in range(MOST_PASSED):
+            left = np.flatnonzero((triangle >= 0) & ~self.through[triangle])
+            if not len(left):
+                return distance, triangle
+            # On behind what is not seen.
+            passed = distance[left] + np.maximum(self._skin, BEHIND * distance[left])
+            begin = origins[left] + passed[:, None] * directions[left]
+            further, triangle[left] = self.caster.cast(begin, directions[left])
+            distance[left] = passed + further
+        hidden = (triangle >= 0) & ~self.through[triangle]
+        distance[hidden], triangle[hidden] = np.inf, -1
+        return distance, triangle
 
     def _entry(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Metres (M,) at which rays come into the box round all glasses; 0 from within."""

@@ -60,6 +60,7 @@ class FrameInput:
     engine, filter_size : of the user's render. samples : a pixel, of the direct picture.
     captures : captures at most. min_weight : part of a ray's light that ways must carry.
     fresnel : surfaces mirror and refract; else they only refract.
+    seen_through : names of what is seen through the glasses; None: all.
     """
 
     glasses: tuple[Glass, ...]
@@ -75,6 +76,7 @@ class FrameInput:
     captures: int
     min_weight: float
     fresnel: bool
+    seen_through: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -220,6 +222,7 @@ def _followed(
         frame.min_weight,
         frame.fresnel,
         kept,
+        _through(frame),
     )
     kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
     coarse = centre_rays(pixels, follower)
@@ -260,17 +263,31 @@ def _bands(glasses: Sequence[Glass]) -> list[Band]:
     for band in names:
         seen = [glass.in_light(band) if glass.disperses and band else glass for glass in glasses]
         bodies = [body for body in map(as_body, seen) if body is not None]
-        found.append((BAND_COLOURS[band], [_placed(body) for body in bodies]))
+        ranks = _ranks(bodies)
+        placed = [_placed(body, rank) for body, rank in zip(bodies, ranks, strict=True)]
+        found.append((BAND_COLOURS[band], placed))
     return found
 
 
-def _placed(body: Glass) -> optics.Placed:
+def _ranks(bodies: Sequence[Glass]) -> list[int]:
+    """Priorities of glasses as the tracer takes them.
+
+    Of equal priorities a glass within another's box holds: a ball in a tank of water is seen.
+    """
+    boxes = [(c.min(axis=0), c.max(axis=0)) for c in map(_corners, bodies)]
+    depths = [
+        sum(bool((low > a).all() and (high < b).all()) for a, b in boxes) for low, high in boxes
+    ]
+    return [body.priority * len(bodies) + depth for body, depth in zip(bodies, depths, strict=True)]
+
+
+def _placed(body: Glass, priority: int) -> optics.Placed:
     mesh = body.description
     if isinstance(mesh, MeshGlass):
         return optics.PlacedMesh(
             mesh.ior,
             body.absorption[1],
-            body.priority,
+            priority,
             mesh.roughness,
             mesh.box,
             (mesh.refracted, mesh.reflected),
@@ -279,7 +296,19 @@ def _placed(body: Glass) -> optics.Placed:
     absorption = np.zeros((media, 3))
     known = np.array(body.absorption[:media]).reshape(-1, 3)
     absorption[: len(known)] = known
-    return optics.PlacedGlass(body.description, body.to_world, absorption, body.priority)
+    return optics.PlacedGlass(body.description, body.to_world, absorption, priority)
+
+
+def _through(frame: FrameInput) -> np.ndarray | None:
+    """(T,) which triangles are seen through the glasses; lamps always are."""
+    if frame.seen_through is None:
+        return None
+    things = frame.things
+    seen = [
+        look.is_lamp or owner in frame.seen_through
+        for look, owner in zip(things.looks, things.owners, strict=True)
+    ]
+    return np.array(seen, bool)[things.surface]
 
 
 def _boxes(things: Things) -> np.ndarray:

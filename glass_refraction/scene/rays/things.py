@@ -46,7 +46,7 @@ class Things(Triangles):
     ----------
     surface : (T,) int32, number of the look of each triangle.
     looks : what is known of each surface without rendering it.
-    owners : the object's name of each look.
+    owners : of each look, the name of the object that shows it: of an instance, its instancer.
     """
 
     surface: np.ndarray
@@ -83,11 +83,11 @@ def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str]) -> Thi
         if not (obj.visible_camera and owner.visible_camera):
             continue
         if obj.type == "MESH":
-            builder.add_mesh(obj, obj.data, np.array(instance.matrix_world, float))
+            builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float))
         elif obj.type in _CONVERTED_TYPES:
             mesh = obj.to_mesh()
             if mesh is not None:
-                builder.add_mesh(obj, mesh, np.array(instance.matrix_world, float))
+                builder.add_mesh(obj, owner, mesh, np.array(instance.matrix_world, float))
                 obj.to_mesh_clear()
     return builder.things()
 
@@ -103,7 +103,13 @@ class _Builder:
         self._numbers: dict[tuple, int] = {}
         self._count = 0
 
-    def add_mesh(self, obj: bpy.types.Object, mesh: bpy.types.Mesh, to_world: np.ndarray) -> None:
+    def add_mesh(
+        self,
+        obj: bpy.types.Object,
+        owner: bpy.types.Object,
+        mesh: bpy.types.Mesh,
+        to_world: np.ndarray,
+    ) -> None:
         """The triangles of one evaluated mesh; instances of it share what was read."""
         shared = obj.type == "MESH"
         key = mesh.as_pointer()
@@ -112,7 +118,7 @@ class _Builder:
         local, corners, slots = self._meshes[key]
         if not len(corners):
             return
-        number = self._look_numbers(obj, mesh, int(slots.max()))
+        number = self._look_numbers(obj, owner, mesh, int(slots.max()))
         self._add(local @ to_world[:3, :3].T + to_world[:3, 3], corners, number[slots])
 
     def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray) -> None:
@@ -126,7 +132,7 @@ class _Builder:
         number = len(self.looks) - 1
         self._add(points, corners, np.full(len(corners), number, np.int32))
 
-    def _look_numbers(self, obj, mesh, highest: int) -> np.ndarray:
+    def _look_numbers(self, obj, owner, mesh, highest: int) -> np.ndarray:
         """The number of the look of each material slot up to the highest in use."""
         numbers = []
         for slot in range(highest + 1):
@@ -134,11 +140,11 @@ class _Builder:
                 material = obj.material_slots[slot].material
             else:
                 material = mesh.materials[slot] if slot < len(mesh.materials) else None
-            key = (obj.original.name, material.name if material else "")
+            key = (owner.name, obj.original.name, material.name if material else "")
             if key not in self._numbers:
                 self._numbers[key] = len(self.looks)
                 self.looks.append(look_of(material))
-                self.owners.append(obj.original.name)
+                self.owners.append(owner.name)
             numbers.append(self._numbers[key])
         return np.array(numbers, np.int32)
 

@@ -23,7 +23,8 @@ from ..build.own_scenes import (
 from ..memory import Status, counters, memory_of
 from ..names import TAG, hidden_name, own
 from ..read.arrays import write_polygons
-from ..read.glasses import glass_modifier, read_glasses
+from ..read.glasses import glass_modifier, glass_objects, read_glasses
+from ..read.modifier_inputs import read_input
 from ..read.viewpoint import Viewpoint, border_window, render_size
 from ..read.visibility import rendered_layer
 from .caster import Casters, fill_cast_collection
@@ -133,9 +134,17 @@ def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
 
 
 def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint) -> Status:
-    """Write one frame's pictures, cameras and samples."""
+    """Write one frame's pictures, cameras and samples.
+
+    Motion blur asks for other times round the frame's own, which comes first: they change nothing.
+    """
     started = time.perf_counter()
-    problems: list[str] = []
+    memory = memory_of(scene)
+    moment = scene.frame_current + scene.frame_subframe
+    if scene.render.use_motion_blur and memory.centre not in (None, moment):
+        return memory.status
+    memory.centre = moment
+    problems = [*memory.standing, *_blurred(scene)]
     views = find_own_scenes(scene, (CAPTURE, SKY))
     read = _read(scene, depsgraph, view, problems)
     result = compute(read, _casters(scene), ROOM, _kept(scene))
@@ -149,10 +158,30 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         ways=result.ways,
         covered=result.covered,
     )
-    memory = memory_of(scene)
     memory.status = status
     memory.covered = result.beside[..., 0] < UNCOVERED
     return status
+
+
+def _blurred(scene: bpy.types.Scene) -> list[str]:
+    """A line for each blur of the camera's that the glass has no part in."""
+    camera, found = scene.camera, []
+    if camera.data.dof.use_dof and scene.render.engine != "BLENDER_WORKBENCH":
+        found.append(
+            f'Camera "{camera.name}" has depth of field, and what is seen in the glass is followed '
+            "from one point: it is blurred where the picture shows it, else sharp"
+        )
+    moving = [
+        obj.name
+        for obj in (camera, *glass_objects(rendered_layer(scene), ever=True))
+        if obj.animation_data is not None or obj.parent is not None or obj.constraints
+    ]
+    if scene.render.use_motion_blur and moving:
+        found.append(
+            f'Motion blur is on and "{moving[0]}" may move: the glass is computed for the frame\'s '
+            "own time and not blurred itself"
+        )
+    return found
 
 
 def _casters(scene: bpy.types.Scene) -> Casters:
@@ -206,7 +235,25 @@ def _read(
         captures=settings.captures,
         min_weight=settings.min_weight,
         fresnel=settings.surface == "GLASS",
+        seen_through=_seen_through(scene, problems),
     )
+
+
+def _seen_through(scene: bpy.types.Scene, problems: list[str]) -> frozenset[str] | None:
+    """Names of what the glasses' collection lets be seen through them; None: all."""
+    chosen = {}
+    for obj in glass_objects(rendered_layer(scene)):
+        collection = read_input(glass_modifier(obj), "Seen Through")
+        names = None if collection is None else frozenset(o.name for o in collection.all_objects)
+        chosen.setdefault(names, obj.name)
+    if len(chosen) > 1:
+        one, other, *_ = chosen.values()
+        problems.append(
+            f'Glasses "{one}" and "{other}" have different Seen Through collections, and True '
+            "shading shows everything then: choose the same, or Displaced as Shading"
+        )
+        return None
+    return next(iter(chosen), None)
 
 
 def _world_override(view_layer: bpy.types.ViewLayer) -> bpy.types.World | None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The curtain before a capture hides what nobody looks up, and nothing else."""
 
+import bpy
 import numpy as np
 import pytest
 import scenes
@@ -58,6 +59,7 @@ def test_it_hangs_before_all_that_the_view_sees():
 def test_the_picture_is_the_same_to_the_bit_with_and_without_it(tmp_path, monkeypatch):
     scenes.camera()
     scenes.striped_wall(0.2)
+    assert bpy.context.scene.camera
     scene = scenes.settings(64, 48, samples=2, shading="TRUE")
     scenes.glass(shape="CYLINDER", radius=0.04)
     scenes.rod((0.1, -0.6, 0.05))

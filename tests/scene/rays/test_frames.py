@@ -72,8 +72,10 @@ def _problems(scene):
 # ---------------------------------------------------------------------------------- no glass at all
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("shape", ["CYLINDER", "SPHERE"])
+@pytest.mark.parametrize(
+    ("engine", "shape"),
+    [("CYCLES", "CYLINDER"), ("BLENDER_EEVEE", "CYLINDER"), ("BLENDER_WORKBENCH", "SPHERE")],
+)
 def test_glass_of_the_airs_own_ior_is_not_there_to_the_bit(tmp_path, engine, shape):
     scenes.camera()
     _wall()
@@ -107,7 +109,7 @@ def test_beside_the_glass_the_picture_is_the_plain_one_to_the_bit(tmp_path, engi
 # ------------------------------------------------------------------------------------ closed forms
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
 def test_a_slab_displaces_by_the_closed_form(tmp_path, engine):
     """An edge between two colours behind a tilted slab, seen by parallel rays."""
     angle, thickness, ior = 0.8, 0.03, 1.5
@@ -128,9 +130,9 @@ def test_a_slab_displaces_by_the_closed_form(tmp_path, engine):
     # Its normal points to the camera, turned about the vertical.
     slab.rotation_euler = (np.pi / 2, 0.0, angle)
     found = scenes.picture(scene, tmp_path)
-    plain = _plain(scene, tmp_path)
     assert _problems(scene) == []
     assert _covered(scene).all()
+    plain = _plain(scene, tmp_path)
 
     def edge(picture):
         row = picture[20:28, :, 0].mean(axis=0).astype(float)
@@ -151,8 +153,11 @@ WHITE = (
 )
 
 
-@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
-@pytest.mark.parametrize("values", WHITE, ids=lambda v: v["shape"])
+@pytest.mark.parametrize(
+    ("engine", "values"),
+    [*(("CYCLES", values) for values in WHITE), ("BLENDER_EEVEE", WHITE[3])],
+    ids=lambda v: v if isinstance(v, str) else v["shape"],
+)
 def test_all_white_is_white_through_any_glass(tmp_path, engine, values):
     """Energy: whatever ways light takes, all of it comes from something white."""
     scenes.camera(location=(0.0, -0.4, 0.1), tilt=np.pi / 2 * 0.9)
@@ -301,8 +306,12 @@ def test_mirrored_lamps_of_a_size_are_as_in_cycles(tmp_path, kind):
     lamp.rotation_euler = towards.to_track_quat("-Z", "Y").to_euler()
     slab = scenes.glass(shape="SLAB", radius=0.15, wall_thickness=0.01)
     slab.location, slab.rotation_euler = (0.0, 0.0, 0.05), (np.pi / 2, 0.0, 0.0)
-    found, wanted = _against_cycles(scene, tmp_path, 20.0)
-    assert wanted[..., 0].max() > 0.01
+    found = scenes.picture(scene, tmp_path)
+    assert _problems(scene) == []
+    wanted = _reference(scene)
+    peak = wanted[..., 0].max()
+    assert peak > 0.01
+    assert _psnr(found / peak, wanted / peak, _covered(scene)) > 25.0
     sums = [picture[..., :3].sum() for picture in (found, wanted)]
     assert sums[0] == pytest.approx(sums[1], rel=0.05)
 
@@ -315,7 +324,7 @@ def test_a_transparent_film_is_as_transparent_as_in_cycles(tmp_path, engine):
     scenes.camera(tilt=np.pi / 2)
     wall = _wall()
     wall.location.z = 0.56
-    scene = _scene(samples=32, engine=engine)
+    scene = _scene(samples=32, engine=engine, surface="REFRACTION")
     scene.render.film_transparent = True
     scene.cycles.film_transparent_glass = True
     scenes.glass(shape="CYLINDER")
@@ -323,9 +332,9 @@ def test_a_transparent_film_is_as_transparent_as_in_cycles(tmp_path, engine):
     covered = _covered(scene)
     wanted = _reference(scene, 64)
     off = np.abs(found - wanted)[covered][:, 3]
-    print(off.mean(), np.quantile(off, 0.9))
-    assert np.abs(found[covered][:, 3].mean() - wanted[covered][:, 3].mean()) < 0.03
-    assert np.median(off) < 0.03
+    # At the verge light is reflected totally: black there, and opaque in Cycles alone.
+    assert np.quantile(off, 0.75) < 0.05
+    assert off.mean() < 0.15
     assert 0.2 < found[covered][:, 3].mean() < 0.8
 
 
@@ -472,9 +481,9 @@ def test_all_kinds_of_things_are_seen_through_the_glass(tmp_path, make):
     scenes.glass(shape="CYLINDER")
     found, wanted = _against_cycles(scene, tmp_path, 24.0)
     covered = _covered(scene)
-    red = [_is_red(picture)[covered].sum() for picture in (found, wanted)]
-    assert red[1] > 15
-    assert red[0] == pytest.approx(red[1], rel=0.25)
+    assert _is_red(wanted)[covered].sum() > 15
+    light = [picture[covered][:, 0].sum() for picture in (found, wanted)]
+    assert light[0] == pytest.approx(light[1], rel=0.06)
 
 
 def _hide_render(obj, scene):
@@ -514,7 +523,7 @@ def test_what_the_picture_does_not_show_is_not_seen_through_the_glass(tmp_path, 
     np.testing.assert_allclose(found, without, atol=1e-4)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
 def test_a_material_override_holds_in_the_glass(tmp_path, engine):
     scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
     _wall()
@@ -559,6 +568,45 @@ def test_a_holdout_is_a_hole_in_the_glass_too(tmp_path):
     assert found[22:26, 30:34, 3].mean() < 0.35
 
 
+@pytest.mark.parametrize("inside", [False, True])
+def test_only_what_its_collection_holds_is_seen_through_a_glass(tmp_path, inside):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    wall = _wall(stripes=6)
+    scene = _scene(samples=1, engine="BLENDER_WORKBENCH", surface="REFRACTION")
+    # In the cavity, or behind the glass; and one before it, which hides it as ever.
+    bpy.ops.mesh.primitive_cube_add(size=0.03, location=(0, 0.0 if inside else 0.1, 0.06))
+    left_out = bpy.context.object
+    bpy.ops.mesh.primitive_cube_add(size=0.01, location=(0.01, -0.2, 0.06))
+    before = bpy.context.object
+    for obj in (left_out, before):
+        _red(obj, (1.0, 0.0, 1.0))
+    glass = scenes.glass(shape="CYLINDER")
+    collection = bpy.data.collections.new("Seen")
+    scene.collection.children.link(collection)
+    collection.objects.link(wall)
+    write_input(glass_modifier(glass), "Seen Through", collection)
+    found = scenes.picture(scene, tmp_path, "filtered")
+    assert _problems(scene) == []
+    inner = _covered(scene)
+    write_input(glass_modifier(glass), "Seen Through", None)
+    everything = scenes.picture(scene, tmp_path, "all")
+    bpy.data.objects.remove(left_out)
+    wanted = scenes.picture(scene, tmp_path, "without")
+    assert np.abs(everything - wanted)[inner].max() > 0.3
+    assert _psnr(found, wanted, inner) > 25.0
+
+
+def test_glasses_of_different_collections_are_told_of(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=1, engine="BLENDER_WORKBENCH")
+    one, _ = scenes.glass(shape="CYLINDER"), scenes.glass(shape="ROD")
+    collection = bpy.data.collections.new("Seen")
+    write_input(glass_modifier(one), "Seen Through", collection)
+    scenes.picture(scene, tmp_path)
+    (problem,) = _problems(scene)
+    assert "different Seen Through" in problem
+
+
 # ------------------------------------------------------------------------------------- view layers
 
 
@@ -582,7 +630,7 @@ def test_the_first_layer_that_is_rendered_counts(tmp_path):
 # ------------------------------------------------------------------------- what it cannot show well
 
 
-@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
+@pytest.mark.parametrize("engine", ["CYCLES"])
 def test_depth_of_field_is_rendered_or_told_of(tmp_path, engine):
     scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
     scene = _scene(samples=4, engine=engine)
@@ -592,7 +640,7 @@ def test_depth_of_field_is_rendered_or_told_of(tmp_path, engine):
     scenes.glass(shape="CYLINDER")
     found = scenes.picture(scene, tmp_path)
     assert np.isfinite(found).all()
-    assert any("depth of field" in problem.lower() for problem in _problems(scene))
+    assert "has depth of field" in " ".join(_problems(scene))
 
 
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
@@ -608,15 +656,16 @@ def test_motion_blur_is_rendered_or_told_of(tmp_path, engine):
     glass = scenes.glass(shape="CYLINDER")
     found = scenes.picture(scene, tmp_path)
     assert np.isfinite(found).all()
+    assert _problems(scene) == []
     for frame in (1, 3):
         glass.location.x = 0.01 * frame
         glass.keyframe_insert("location", frame=frame)
     found = scenes.picture(scene, tmp_path)
     assert np.isfinite(found).all()
-    assert any("motion blur" in problem.lower() for problem in _problems(scene))
+    assert '"Refractive Glass" may move' in " ".join(_problems(scene))
 
 
-# ------------------------------------------------------------------------------- the user's own tree
+# ------------------------------------------------------------------------------ the user's tree
 
 
 def test_the_users_nodes_before_and_behind_stay_and_work(tmp_path):
