@@ -76,6 +76,10 @@ def prepare(scene: bpy.types.Scene) -> None:
         tree[_STRUCTURE] = structure
         insert_group(scene, tree, views)
     write_kernels()
+    # Each collection that is filled puts all layers of all scenes out of date again.
+    for filled in (scene, cast, *views):
+        for layer in filled.view_layers:
+            synchronise(layer)
 
 
 def remove(scene: bpy.types.Scene) -> None:
