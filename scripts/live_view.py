@@ -113,8 +113,7 @@ def final():
     began = time.perf_counter()
     while time.perf_counter() - began < LIMIT_SECONDS:
         yield 0.02
-        known = list(views._views.values())
-        if known and all(view.final or view.failure for view in known):
+        if views.at_rest():
             break
     return time.perf_counter() - began
 

@@ -12,6 +12,7 @@ from bpy.app.translations import pgettext_iface as _iface
 from ..scene import update as door
 from ..scene.names import own
 from ..scene.read.glasses import glass_modifier
+from ..scene.read.mesh_glasses import named_by, open_edges
 from ..scene.read.modifier_inputs import read_input, value_place
 from . import bake
 from .lines import draw_lines
@@ -29,6 +30,7 @@ _SIZES = {
     "Sphere": ("Radius", "Wall Thickness"),
     "Tumbler": ("Radius", "Wall Thickness", "Height", "Bottom Thickness", "Liquid Level"),
     "Revolution": ("Profile", "Liquid Level"),
+    "Mesh": (),
 }
 _CONTENTS = {
     "Slab": "Behind",
@@ -115,6 +117,18 @@ class _Glass:
         if shape == "Slab":
             draw_lines(layout, context, _iface("The object's flat mesh is the outline"), "INFO")
         column = layout.column(align=True)
+        if shape == "Mesh":
+            evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+            _draw_mesh(layout, context, evaluated)
+            named = named_by(evaluated)
+            column = layout.column(align=True)
+            column.enabled = named is None
+            if named is not None:
+                said = _iface('IOR, color and roughness are those of material "{}"')
+                draw_lines(layout, context, said.format(named), "MATERIAL")
+        else:
+            text = _iface("Closed form: its surfaces are exact")
+            draw_lines(layout, context, text, "INFO")
         column.prop(obj, "refractive_glass_medium")
         draw_input(column, modifier, "IOR")
         if shape in _CONTENTS:
@@ -134,6 +148,32 @@ class _Glass:
         if not modifier.show_render:
             text = _iface("The modifier is off in renders: switch it on to see through the glass")
             draw_lines(layout, context, text, "ERROR")
+
+
+def _draw_mesh(
+    layout: bpy.types.UILayout, context: bpy.types.Context, evaluated: bpy.types.Object
+) -> None:
+    """Say that the mesh is the glass, and what of it is not closed."""
+    draw_lines(layout, context, _iface("The object's own mesh is the glass"), "INFO")
+    mesh = evaluated.data
+    if not len(mesh.polygons):
+        # While a 3D view draws what is seen through it, there are only edges.
+        return
+    key = evaluated.session_uid
+    size = len(mesh.vertices), len(mesh.edges), len(mesh.loops)
+    if key not in _open_edges or _open_edges[key][0] != size:
+        _open_edges[key] = size, open_edges(mesh)
+    border, branched = _open_edges[key][1]
+    if border:
+        said = _iface("Open: {} edges have one face. A face's front is outside, as in Cycles")
+        draw_lines(layout, context, said.format(border), "ERROR")
+    if branched:
+        said = _iface("{} edges have more than two faces: what is inside is not clear there")
+        draw_lines(layout, context, said.format(branched), "ERROR")
+
+
+_open_edges: dict[int, tuple[tuple[int, int, int], tuple[int, int]]] = {}
+"""Object's session uid -> sizes of its mesh, and its open edges: counted once, not at each draw."""
 
 
 _OF_SHADING = {"TRUE": "captures", "DISPLACED": "tolerance_px"}

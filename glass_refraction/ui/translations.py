@@ -49,6 +49,16 @@ _GERMAN = {
         "Behind": "Dahinter",
         "Seen Through": "Durch das Glas gesehen",
         "The object's flat mesh is the outline": "Das flache Mesh des Objekts ist der Umriss",
+        "Mesh": "Mesh",
+        "Priority": "Vorrang",
+        "The object's own mesh is the glass": "Das Mesh des Objekts selbst ist das Glas",
+        "Closed form: its surfaces are exact": "Geschlossene Form: die Flächen sind exakt",
+        "Open: {} edges have one face. A face's front is outside, as in Cycles": "Offen: {} Kanten "
+        "haben eine Fläche. Die Vorderseite einer Fläche ist außen, wie in Cycles",
+        "{} edges have more than two faces: what is inside is not clear there": "{} Kanten haben "
+        "mehr als zwei Flächen: was innen ist, ist dort nicht klar",
+        'IOR, color and roughness are those of material "{}"': "Brechzahl, Farbe und Rauheit sind "
+        'die des Materials „{}"',
         "The modifier is off in renders: switch it on to see through the glass": "Der Modifikator "
         "ist beim Rendern aus: einschalten, um durch das Glas zu sehen",
         "Status": "Status",

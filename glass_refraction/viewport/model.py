@@ -43,6 +43,7 @@ class Model:
         self.block: np.ndarray | None = None
         self.bands: list[np.ndarray] = []
         self._bands: list[list] = []
+        self._names: tuple[int, ...] = ()
         self.boxes: list[Box] = []
         self.within = (-1, 0)
         self.problems: list[str] = []
@@ -57,6 +58,7 @@ class Model:
 
         things = [obj for obj in source_objects(layer) if visible(obj)]
         self.boxes = boxes_of(things, depsgraph)
+        self._names = tuple(obj.session_uid for obj in things)
         found, self._bands = [], []
         for obj in glass_objects(layer):
             if not visible(obj) or is_mesh_glass(obj):
@@ -81,6 +83,10 @@ class Model:
         ]
         self.block = None
         self.frame = common_frame(self.glasses) if self.glasses else None
+
+    def signature(self) -> tuple:
+        """What tells of glasses and of which things are there; equal ones look the same."""
+        return (self._names, *((g.body, g.to_world.tobytes(), g.absorption) for g in self.glasses))
 
     def scene_reach(self) -> float:
         """Metres from the frame's origin within which all things are."""

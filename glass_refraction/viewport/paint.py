@@ -74,7 +74,7 @@ class Direct:
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
         self._linear(view)
-        began = time.perf_counter()
+        began = time.thread_time()
         values = np.asarray(depth)
         tiles = _tiles(values, self.line)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
@@ -85,7 +85,7 @@ class Direct:
         stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
-        self.python_seconds = time.perf_counter() - began
+        self.python_seconds = time.thread_time() - began
         return not same
 
     def _linear(self, view: Viewpoint) -> None:
@@ -110,12 +110,22 @@ def _tiles(values: np.ndarray, line: tuple[float, float, float, float]) -> np.nd
     height, width = values.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
     found = np.empty((rows, columns, 2), np.float32)
-    starts = np.arange(columns) * TILE
     for axis, best in ((0, np.minimum), (1, np.maximum)):
-        by_row = best.reduceat(values, np.arange(rows) * TILE, axis=0)
-        by_tile = best.reduceat(by_row, starts, axis=1)
+        by_row = _by_tiles(values, rows, best)
+        by_tile = _by_tiles(by_row.T, columns, best).T
         far = by_tile >= 1.0
         found[..., axis] = np.where(far, _FAR, depths(line, np.where(far, 0.0, by_tile)))
+    return found
+
+
+def _by_tiles(values: np.ndarray, count: int, best) -> np.ndarray:
+    """Rows (count, N) of which each is the best of TILE rows, the last of as many as are left."""
+    whole = len(values) // TILE
+    found = np.empty((count, values.shape[1]), values.dtype)
+    parts = values[: whole * TILE].reshape(whole, TILE, values.shape[1])
+    best.reduce(parts, axis=1, out=found[:whole])
+    if whole < count:
+        best.reduce(values[whole * TILE :], axis=0, out=found[whole])
     return found
 
 

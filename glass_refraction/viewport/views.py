@@ -19,6 +19,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..scene.changes import generation
+from ..scene.names import own
 from ..scene.read.glasses import glass_modifier, glass_objects
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
@@ -104,6 +105,16 @@ class _View:
         return ""
 
 
+_SHOWING = (
+    bpy.types.Material,
+    bpy.types.World,
+    bpy.types.Light,
+    bpy.types.Image,
+    bpy.types.Texture,
+)
+"""Data-blocks whose change may be seen though nothing moves."""
+_news: Counter[int] = Counter()
+"""By a scene's session uid: grows when something changed that may be seen."""
 _shown: set[int] = set()
 _views: dict[int, _View] = {}
 _handles: list = []
@@ -142,6 +153,20 @@ def status(space: bpy.types.SpaceView3D) -> list[str]:
             how = "at rest" if view.final else "moving"
             lines.append(f"Last redraw: {view.python_ms:.0f} ms of Python, {how}")
     return lines
+
+
+def at_rest() -> bool:
+    """Whether every view that asks shows its final picture of the scene as it is."""
+    asking = [
+        (window, _views.get(region.as_pointer()))
+        for window, space, region in _open_regions()
+        if is_shown(space)
+    ]
+    return bool(asking) and all(
+        view is not None
+        and (view.failure or (view.final and view.model.key[1:2] == (generation(window.scene),)))
+        for window, view in asking
+    )
 
 
 def doubt() -> None:
@@ -234,7 +259,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if view.painter is None:
         view.painter, view.captures = Painter(), Captures()
     painter, captures, model = view.painter, view.captures, view.model
-    python = -time.perf_counter()
+    python = -time.thread_time()
     matrices = region.data
     eye = view_eye(
         (region.width, region.height),
@@ -248,9 +273,9 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         model.read(layer, space)
         model.key = key
         view.problems = model.problems + _unmarked(layer, True)
-        if model.glasses:
-            captures.arrange(model.glasses, looks, model.boxes)
-    elif view.stamp[1:2] != (looks,) and model.glasses:
+    # Much is evaluated anew of which nothing can be seen.
+    seen = (_news[scene.session_uid], model.signature())
+    if view.stamp[:2] != (seen, looks) and model.glasses:
         captures.arrange(model.glasses, looks, model.boxes)
     if not model.glasses:
         return
@@ -259,14 +284,14 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         captures.outdate()
         view.turned = turned
     view.eye = eye
-    python += time.perf_counter()
+    python += time.thread_time()
     view.waits = False
     changed = painter.direct.read(view.framebuffer, eye, model.frame)
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
-    python -= time.perf_counter()
+    python -= time.thread_time()
     settings = scene.refractive_glass
-    stamp = (key, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
+    stamp = (seen, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
     if changed or stamp != view.stamp:
         moved = stamp[:-1] != view.stamp[:-1]
         view.stamp = stamp
@@ -284,7 +309,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         _ask_for_rest()
     selected = any(obj.select_get(view_layer=layer) for obj in glass_objects(layer))
     painter.show(view.framebuffer, _backdrop(context), lines=selected)
-    python += time.perf_counter() - view.gpu_seconds + painter.direct.python_seconds
+    python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
     counters["milliseconds"] += view.python_ms
 
@@ -322,13 +347,13 @@ def _sample(
     number = painter.samples if edges_of is None else painter.samples + 1
     jitter = _jitter(number) if number else (0.0, 0.0)
     pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
-    began = time.perf_counter()
+    began, mine = time.perf_counter(), time.thread_time()
     drawn = painter.sample(
         jitter, way, view.captures.textures, pixels, edges_of, disperses=seconds is not None
     )
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
-    view.gpu_seconds += spent
+    view.gpu_seconds += time.thread_time() - mine
     view.strip_speed = min(drawn / spent, MOST_GROWTH * view.strip_speed)
     view.spent = (view.spent[0] + drawn, view.spent[1] + spent)
     if painter.is_whole:
@@ -546,6 +571,23 @@ def _soon(function) -> None:
 
 
 @persistent
+def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Count what may be seen: what moves, and looks that are edited.
+
+    What the extension makes for renders comes and goes in one update with everything that shares
+    data with it; nothing of that may be seen.
+    """
+    updates = [(update, own(update.id)) for update in depsgraph.updates]
+    echo = any(mine for _, mine in updates)
+    for update, mine in updates:
+        moved = update.is_updated_transform or update.is_updated_geometry
+        showing = isinstance(update.id, _SHOWING) and not echo
+        if (showing or (moved and isinstance(update.id, bpy.types.Object))) and not mine:
+            _news[scene.original.session_uid] += 1
+            return
+
+
+@persistent
 def _on_undo(*_) -> None:
     doubt()
     if not bpy.app.background:
@@ -574,6 +616,8 @@ def _on_save_post(*_) -> None:
 
 _ALWAYS = (("undo_post", _on_undo), ("redo_post", _on_undo), ("load_post", _on_load))
 _WHILE_SHOWN = (
+    ("depsgraph_update_post", _on_update),
+    ("frame_change_post", _on_update),
     ("save_pre", _on_save_pre),
     ("save_post", _on_save_post),
     ("save_post_fail", _on_save_post),

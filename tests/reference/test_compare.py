@@ -67,7 +67,7 @@ def test_a_comparison_reports_by_the_contract(scene, tmp_path):
     shares = []
     report = compare(scene, tmp_path, samples=4, progress=shares.append)
     assert set(report) >= FIGURES
-    assert shares == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert shares == pytest.approx([0, 1 / 4, 2 / 4, 3 / 4, 1])
     assert report["reference_samples"] == 4 and scene.cycles.samples == 2
     assert report["surface"] == "REFRACTION" and report["paths"] == ["TTTT"]
     assert report["pixels"] == 36 * 32

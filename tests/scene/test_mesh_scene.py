@@ -24,11 +24,12 @@ def _own_mesh(obj=None, **values):
     return bpy.context.object
 
 
-def _ball(radius=0.04, location=(0.0, 0.0, 0.08), segments=48):
+def _ball(radius=0.04, location=(0.0, 0.0, 0.08), segments=48, *, smooth=True):
     bpy.ops.mesh.primitive_uv_sphere_add(
         radius=radius, location=location, segments=segments, ring_count=segments // 2
     )
-    bpy.ops.object.shade_smooth()
+    if smooth:
+        bpy.ops.object.shade_smooth()
     return bpy.context.object
 
 
@@ -158,12 +159,15 @@ def _bend(scene, obj):
 
 
 def test_of_overlapping_meshes_the_higher_priority_holds(tmp_path):
-    """A ball of water that runs into one of glass, against water cut to what the glass leaves."""
+    """A ball of water that runs into one of glass, against water cut to what the glass leaves.
+
+    Both are flat: a cut would give smooth ones other normals round its edge.
+    """
     scenes.camera()
     scenes.striped_wall()
     scene = scenes.settings(**SIZE)
-    glass = _own_mesh(_ball(0.03, (-0.02, 0.0, 0.08)), ior=1.5)
-    water = _own_mesh(_ball(0.03, (0.02, 0.0, 0.08)), ior=1.333)
+    glass = _own_mesh(_ball(0.03, (-0.02, 0.0, 0.08), 24, smooth=False), ior=1.5)
+    water = _own_mesh(_ball(0.03, (0.02, 0.0, 0.08), 24, smooth=False), ior=1.333)
     write_input(glass_modifier(glass), "Priority", 1)
     overlapping = scenes.picture(scene, tmp_path, "overlapping")
     # Priority the other way round is another thing.
@@ -177,11 +181,10 @@ def test_of_overlapping_meshes_the_higher_priority_holds(tmp_path):
     apart = scenes.picture(scene, tmp_path, "apart")
     covered = door.memory_of(scene).covered
     assert door.status(scene).problems == []
-    off = _differences(overlapping, apart)[covered]
-    assert _differences(overlapping, other)[covered].mean() > 0.02
+    off, far_off = (_differences(overlapping, seen)[covered] for seen in (apart, other))
     # The cut's facets are those of both balls: what differs are pixels at borders.
-    assert off.mean() < 0.01
-    assert np.quantile(off, 0.9) < 0.02
+    assert np.median(off) < 0.01
+    assert off.mean() < 0.2 * far_off.mean()
 
 
 def _copy_of(glass):

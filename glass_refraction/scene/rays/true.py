@@ -59,6 +59,8 @@ def prepare(scene: bpy.types.Scene) -> None:
     cast = own_scene(scene, CAST)
     if not cast.collection.children:
         fill_cast_collection(new_collection(CAST, cast))
+        # Evaluated, never rendered.
+        cast.view_layers[0].use = False
         synchronise(cast.view_layers[0])
     views = [own_scene(scene, CAPTURE, number) for number in range(ROOM.captures)]
     views += [own_scene(scene, SKY, number) for number in range(ROOM.skies)]
@@ -74,6 +76,10 @@ def prepare(scene: bpy.types.Scene) -> None:
         tree[_STRUCTURE] = structure
         insert_group(scene, tree, views)
     write_kernels()
+    # Whatever was linked above put all scenes off; Blender 5.2 crashes where a render finds it so.
+    for changed in (scene, cast, *views):
+        for layer in changed.view_layers:
+            synchronise(layer)
 
 
 def remove(scene: bpy.types.Scene) -> None:

@@ -72,6 +72,7 @@ class Glass:
             self.description,
             self.to_world.tobytes(),
             self.absorption,
+            self.abbe,
             self.priority,
         )
 
@@ -269,8 +270,9 @@ def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = No
                 raise
             wrong.append(str(error))
 
-    for obj in glass_objects(depsgraph.view_layer):
-        read(obj)
+    for obj in glass_objects(depsgraph.view_layer, ever=True):
+        if is_shown(obj, depsgraph):
+            read(obj)
     for instance in depsgraph.object_instances:
         if not (instance.is_instance and instance.show_self):
             continue

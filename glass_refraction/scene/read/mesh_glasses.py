@@ -164,6 +164,12 @@ def interface_of(obj: bpy.types.Object, ior: float) -> Interface:
     return Interface(ior)
 
 
+def named_by(obj: bpy.types.Object) -> str | None:
+    """Name of the material that says what the object's glass is; None where the modifier does."""
+    materials = (slot.material for slot in obj.material_slots)
+    return next((m.name for m in materials if material_interface(m) is not None), None)
+
+
 def material_interface(material: bpy.types.Material | None) -> Interface | None:
     """What a material says of a glass; None where it is none, or the extension's own.
 

@@ -19,7 +19,7 @@ from mathutils import Quaternion, Vector
 FOLDER, SCENE = Path(sys.argv[-2]), Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 FRAMES = (1, 10, 20)
-REST_SECONDS = 120
+REST_SECONDS = 300
 
 result = {"seconds": {}}
 
@@ -95,8 +95,7 @@ def rest():
     started = time.perf_counter()
     yield 0.3
     while time.perf_counter() - started < REST_SECONDS:
-        known = views._views.values()
-        if known and all(v.final or v.failure for v in known):
+        if views.at_rest():
             break
         yield 0.1
     else:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from glass_refraction.scene.memory import counters
-from glass_refraction.scene.rays.caster import Caster, fill_cast_collection
+from glass_refraction.scene.rays.caster import THINGS, Caster, fill_cast_collection
 from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.things import Things
 
@@ -25,7 +25,7 @@ def caster_in_a_new_scene():
     scene.collection.children.link(collection)
     fill_cast_collection(collection)
     _ = scene.view_layers[0].active_layer_collection
-    return Caster(scene)
+    return Caster(scene, THINGS)
 
 
 def _soup(random, count, centre=(0.0, 0.0, 0.0), scale=1.0):

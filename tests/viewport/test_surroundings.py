@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What surrounds the shader: its rays' block, the faces of captures, tiles, rectangles."""
+
+import numpy as np
+import pytest
+
+from glass_refraction import optics
+from glass_refraction.viewport import capture, paint
+from glass_refraction.viewport.description import Posed, common_frame
+from glass_refraction.viewport.eye import common_line, depths, pack_view, view_eye
+
+SIZE = (640, 400)
+PERSPECTIVE = [(1.5, 0, 0.1, 0), (0, 2.4, -0.05, 0), (0, 0, -1.004, -0.2004), (0, 0, -1, 0)]
+PARALLEL = [(1.0, 0, 0, 0.1), (0, 1.6, 0, 0), (0, 0, -1 / 50, 0), (0, 0, 0, 1)]
+
+
+def glass(place=(0.1, 0.2, 0.3)):
+    matrix = np.eye(4)
+    matrix[:3, 3] = place
+    return Posed(optics.body(optics.SphereGlass((0.05,), (1.5,))), matrix)
+
+
+@pytest.mark.parametrize(("window", "is_perspective"), [(PERSPECTIVE, True), (PARALLEL, False)])
+def test_rays_and_depths_of_the_block_are_the_views(window, is_perspective):
+    matrix = np.eye(4)
+    matrix[:3, 3] = (-0.1, -0.2, -1.3)
+    view = view_eye(SIZE, matrix, window, is_perspective)
+    frame = common_frame([glass()])
+    block = pack_view(view, frame, (-1, 0), [], 2.0).astype(float)
+    pixels = np.array([(10.5, 20.5), (320.0, 200.0), (600.5, 380.5)])
+    origins, directions = view.rays(*pixels.T)
+    plane, right, up, eye = block[6, :3], block[7, :3], block[8, :3], block[9]
+    places = plane + pixels[:, :1] * right + pixels[:, 1:] * up
+    along = places - eye[:3] if is_perspective else np.broadcast_to(eye[:3], places.shape)
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    assert along == pytest.approx(directions, abs=1e-5)
+    shift = places - frame.place(origins)
+    assert np.cross(shift, directions) == pytest.approx(0.0, abs=1e-4 * np.abs(shift).max())
+    # Depths by the matrix's row and by the depth buffer's value are the same.
+    world = frame.origin + frame.unit * places
+    common = np.column_stack((places, np.ones(3)))
+    clip = common @ block[:4]
+    value = 0.5 * (clip[:, 2] / clip[:, 3] + 1.0)
+    found = depths(common_line(view, frame), value)
+    assert common @ block[4] == pytest.approx(found, abs=2e-3)
+    assert view.pixels(world) == pytest.approx(pixels, abs=0.01)
+
+
+@pytest.mark.parametrize("face", range(capture.FACES))
+def test_a_face_looks_along_its_axis_and_is_no_mirror_image(face):
+    right, up, forward = capture.axes(face)
+    assert np.cross(right, up) == pytest.approx(-forward)
+    centre = np.array((1.0, 2.0, 3.0))
+    ahead = np.append(centre + 2.0 * forward + 0.5 * right, 1.0)
+    clip = capture.face_projection(0.1, 10.0) @ capture.face_view(face, centre) @ ahead
+    assert clip[:2] / clip[3] == pytest.approx((0.25, 0.0))
+    assert clip[3] == pytest.approx(2.0)
+
+
+def test_a_capture_stands_in_the_glass_and_out_of_the_way_of_things():
+    one = glass()
+    middle = one.middle()
+    assert capture.centre_of(one, [], middle) == pytest.approx(middle)
+    to_box = np.eye(4)
+    to_box[:3, 3] = -middle
+    box = capture.Box(to_box, np.array((0.02, 0.02, 0.02)))
+    found = capture.centre_of(one, [box], middle)
+    assert box.distance(found[None])[0] > 0.0
+    assert np.all(np.abs(found - middle) <= 0.05)
+    # A place that is as good as any stays.
+    assert capture.centre_of(one, [box], found) == pytest.approx(found)
+    assert box.corners() == pytest.approx(
+        middle + 0.02 * np.sign(box.corners() - middle), abs=1e-12
+    )
+
+
+@pytest.mark.parametrize("shape", [(64, 80), (61, 83), (5, 3)])
+def test_tiles_hold_the_nearest_and_farthest_of_their_pixels(shape):
+    values = np.random.default_rng(0).uniform(0.0, 0.99, shape).astype(np.float32)
+    tiles = paint._tiles(values, (0.0, 1.0, 1.0, 0.0))
+    for row in range(tiles.shape[0]):
+        for column in range(tiles.shape[1]):
+            part = values[8 * row : 8 * row + 8, 8 * column : 8 * column + 8]
+            assert tiles[row, column] == pytest.approx((part.min(), part.max()))
+
+
+def test_rectangles_that_meet_become_one_and_cover_the_same():
+    rects = [(0.0, 0.0, 0.2, 0.2), None, (0.5, 0.5, 0.6, 0.6), (0.1, 0.1, 0.55, 0.3)]
+    assert sorted(paint.merged(rects)) == [(0.0, 0.0, 0.55, 0.3), (0.5, 0.5, 0.6, 0.6)]
+    assert paint.merged([*rects, (0.5, 0.2, 0.6, 0.6)]) == [(0.0, 0.0, 0.6, 0.6)]
