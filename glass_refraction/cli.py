@@ -15,8 +15,6 @@ LAST_FRAME = 1_048_574
 """Blender's."""
 MOST_SAMPLES = 16_777_216
 """Cycles'."""
-BENCHMARK_SCENES = ("eraser", "panes", "aquarium", "fishbowl", "verge")
-"""Demo scenes that the benchmark renders in time: the other ones take minutes a picture."""
 
 FORMATS = {".png": "PNG", ".exr": "OPEN_EXR", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF"}
 
@@ -89,24 +87,6 @@ def _parser() -> argparse.ArgumentParser:
         "--folder", type=Path, help="for the baked frames; default: one beside OUT.blend"
     )
     bake.set_defaults(run=_bake)
-
-    benchmark = commands.add_parser("benchmark", help="speed against error, and hard cases")
-    benchmark.add_argument("-o", "--output", type=Path, required=True, metavar="FOLDER")
-    benchmark.add_argument("--quick", action="store_true", help="less of everything, two minutes")
-    benchmark.add_argument(
-        "--only", nargs="+", default=(), metavar="PART", help="these parts; the others are kept"
-    )
-    benchmark.add_argument(
-        "--scenes",
-        nargs="+",
-        type=Path,
-        default=(),
-        metavar="SCENE.blend",
-        help="for the parts that render, the first one with all settings; default: demo scenes",
-    )
-    benchmark.add_argument("--seed", type=int, default=0, help="of all random numbers")
-    benchmark.add_argument("--no-plots", action="store_true", help="tables only")
-    benchmark.set_defaults(run=_benchmark)
     return parser
 
 
@@ -288,37 +268,3 @@ def _compare(options: argparse.Namespace) -> None:
         f"{options.output}: PSNR {found['psnr_db']:.2f} dB, FLIP {found['flip_mean']:.4f}, "
         f"{found['seconds_composite']:.1f} s composited, {found['seconds_reference']:.1f} s Cycles"
     )
-
-
-def _benchmark(options: argparse.Namespace) -> None:
-    import importlib.util
-
-    from .reference.benchmark import plots, runner
-    from .reference.benchmark.settings import Settings
-
-    demo = Path(__file__).resolve().parents[1] / "demo_scenes"
-    beside = (demo / f"{name}.blend" for name in BENCHMARK_SCENES)
-    scenes = tuple(options.scenes) or tuple(path for path in beside if path.is_file())
-    for path in scenes:
-        if not path.is_file() or path.suffix.lower() != ".blend":
-            raise _BadInput(f"{path}: no such .blend file")
-    output = _folder(options.output)
-    if options.seed < 0:
-        raise _BadInput(f"--seed {options.seed}: must not be negative")
-    settings = Settings("quick" if options.quick else "full", options.seed, scenes)
-    if importlib.util.find_spec("bpy") is not None:
-        _register()
-    try:
-        parts = runner.chosen(options.only, settings)
-        if not options.no_plots:
-            plots.check()
-    except (ValueError, plots.MissingMatplotlib) as error:
-        raise _BadInput(str(error)) from error
-    runner.run(
-        settings,
-        output,
-        only=parts,
-        with_charts=not options.no_plots,
-        progress=lambda line: print(f"benchmark: {line}", file=sys.stderr, flush=True),
-    )
-    print(f"{options.output}: report.md, report.json")

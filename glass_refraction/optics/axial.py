@@ -145,9 +145,6 @@ class AxialGlass(BoundedGlass):
 SOLID = 1
 """The medium that the glass itself is: nothing stands in it."""
 
-TOUCHING = 1e-4
-"""Distance, in units of `scale`, within which a thing touches an end of a glass."""
-
 MEETING = 1e-7
 """Distance, in units of `scale`, within which the ends of two interfaces are one."""
 
@@ -208,8 +205,7 @@ class Group:
     """Rays that met the same interfaces so far.
 
     `medium` they are in, `index`: their numbers, `weight`: part of the light, `trail`: medium and
-    geometric lengths of every stretch so far, in units of `scale`. `open`: they go on. `held`: a
-    thing stopped them on the last stretch, which the trail then holds too.
+    geometric lengths of every stretch so far, in units of `scale`. `open`: they go on.
     """
 
     steps: Steps
@@ -219,7 +215,6 @@ class Group:
     weight: Floats
     trail: tuple[tuple[int, Floats], ...] = ()
     open: bool = False
-    held: bool = False
 
     def take(self, which) -> Group:
         return Group(
@@ -258,23 +253,13 @@ def start(glass: BoundedGlass, origin: ArrayLike, direction: ArrayLike) -> list[
     return groups
 
 
-def nearest(glass: BoundedGlass, medium: int, rays: Rays) -> tuple[NDArray[np.intp], Floats]:
-    """Number of the interface that each ray meets next, −1 for none, and the way to it."""
-    return nearest_marked(glass, medium, rays)[:2]
+def nearest(
+    glass: BoundedGlass, medium: int, rays: Rays
+) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Number of the interface that each ray meets next, −1 for none, and the way to it.
 
-
-def reach(glass: BoundedGlass, origin: ArrayLike, direction: ArrayLike) -> Floats:
-    """Metres (M,) along rays (M, 3) to the first interface; inf where they meet none."""
-    found = np.full(len(direction), np.inf)
-    for group in start(glass, origin, direction):
-        met, way = nearest(glass, group.medium, group.rays)
-        on = met >= 0
-        found[group.index[on]] = way[on] * glass.media[group.medium] * glass.scale
-    return found
-
-
-def nearest_marked(glass: BoundedGlass, medium: int, rays: Rays) -> tuple:
-    """The same, and where on a `Profile` the meeting is, which is costly to find again."""
+    Third, where on a `Profile` the meeting is, which is costly to find again.
+    """
     met = np.full(len(rays.place[0]), -1, dtype=np.intp)
     least = np.full(len(met), np.inf)
     marks = np.zeros(len(met))
@@ -309,41 +294,23 @@ def follow(
     groups: list[Group],
     onward: Callable[[Steps, Floats], NDArray[np.bool_] | None],
     watch: Callable[[Steps], bool] = lambda steps: False,
-    stop: Callable[[Group, Floats], Floats] | None = None,
-    trails: bool = True,
 ) -> Iterator[Group]:
     """Every way of the rays through the glass, as groups of rays that meet nothing further.
 
     `onward` tells, of the light that arrives after some steps, which rays to follow on (None: no);
-    `watch`, after which steps to tell of rays that go on: as open groups. `stop` tells how far the
-    rays of a group get that meet an interface after these ways: as far, or to a thing before it.
-    Ways are along the momentum, in units of `scale`. `trails`: of whoever asks for lengths.
+    `watch`, after which steps to tell of rays that go on: as open groups.
     """
     stack = list(groups)
     while stack:
         group = stack.pop()
         if watch(group.steps):
             yield replace(group, open=True)
-        met, way, marks = nearest_marked(glass, group.medium, group.rays)
+        met, way, marks = nearest(glass, group.medium, group.rays)
         ior = glass.media[group.medium]
         if group.medium in glass.endless:
             ends = np.flatnonzero(met < 0)
             if len(ends):
                 yield group.take(ends)
-        if stop is not None and (group.medium != SOLID or glass.ends):
-            on, reach = np.flatnonzero(met >= 0), way
-            if group.medium == SOLID:
-                # Through an end that touches a thing the thing is seen, with no air between.
-                on = on[np.isin(met[on], glass.ends)]
-                reach = way * (1.0 + TOUCHING) + TOUCHING
-            free = stop(group.take(on), reach[on])
-            short = free < reach[on]
-            held = on[short]
-            if len(held):
-                part = group.take(held)
-                trail = (*part.trail, (group.medium, free[short] * ior)) if trails else ()
-                yield replace(part, trail=trail, held=True)
-                met[held] = -1
         for number, interface in glass.around(group.medium):
             here = np.flatnonzero(met == number)
             if interface.opaque or not len(here):
@@ -352,7 +319,7 @@ def follow(
             beyond = interface.beyond(group.medium)
             part, ways = group.take(here), way[here]
             rays = part.rays
-            trail = (*part.trail, (group.medium, ways * ior)) if trails else ()
+            trail = (*part.trail, (group.medium, ways * ior))
             spot = marks[here] if isinstance(interface.surface, Profile) else None
             reflected = _reflectance(interface.surface, rays, ways, ior, glass.media[beyond], spot)
             for event in "TR":
@@ -435,128 +402,6 @@ def weights_axial(glass: AxialGlass, eye: Floats, directions: Floats, paths) -> 
     return found, np.clip(rest, 0.0, 1.0)
 
 
-@dataclass(frozen=True)
-class RayEnds:
-    """Every way that rays take through a glass, one a row; rows of one ray need not be neighbours.
-
-    Attributes
-    ----------
-    ray : (K,) int, the ray's number.
-    path : (K,) int into `paths`.
-    paths : the paths met with; where things may stand in the way, open ones too.
-    weight : (K,) part of the light.
-    origin, direction : (K, 3) of the ray after the path's last event, glass frame, metres, unit.
-    lengths : (K, media) way in each medium after the first event, metres; up to the thing that
-        stopped the ray. 0 where lengths were not asked for.
-    """
-
-    ray: NDArray[np.intp]
-    path: NDArray[np.intp]
-    paths: tuple[LightPath, ...]
-    weight: Floats
-    origin: Floats
-    direction: Floats
-    lengths: Floats
-
-
-Stop = Callable[[int, int, Floats, Floats, Floats], Floats]
-"""(events passed, medium, origins (M, 3), unit directions (M, 3), lengths (M,)) -> (M,) how far
-rays get freely: to the interface that they meet after these lengths, or less. Glass frame, metres.
-"""
-
-
-def follow_rays(
-    glass: BoundedGlass,
-    origin: ArrayLike,
-    direction: ArrayLike,
-    *,
-    min_weight: float = 0.005,
-    fresnel: bool = True,
-    stop: Stop | None = None,
-    lengths: bool = True,
-) -> RayEnds:
-    """Follow rays along all ways through a glass that carry enough of the light.
-
-    Parameters
-    ----------
-    glass
-        In whose frame everything is given, metres.
-    origin : (3,) or (M, 3)
-    direction : (M, 3)
-        Need not be unit.
-    min_weight
-        Light below this part of a ray's is not followed on. Long ways, round in a wall, must carry
-        more: in proportion to their events.
-    fresnel
-        False: surfaces only refract, and take no light in doing so.
-    stop
-        Tells how far rays get outside the glass itself: what it holds ends them, as an open path.
-    lengths
-        False saves the time that they take.
-    """
-    directions = np.atleast_2d(np.asarray(direction, dtype=float))
-    origins = np.broadcast_to(np.asarray(origin, dtype=float), directions.shape)
-
-    def onward(steps, weight):
-        if not fresnel:
-            return None if steps[-1][1] == "R" else np.ones(len(weight), dtype=bool)
-        keep = weight > min_weight * max(1.0, len(steps) / PLAIN)
-        return keep if keep.any() and len(steps) < ENDLESS else None
-
-    def halt(group: Group, way: Floats) -> Floats:
-        ior = glass.media[group.medium]
-        place = np.stack(group.rays.place, axis=-1) * glass.scale
-        along = np.stack(group.rays.momentum, axis=-1) / ior
-        per = ior * glass.scale
-        free = stop(len(group.steps), group.medium, place, along, way * per)
-        # Rays that get as far as they go keep their way to the last digit.
-        return np.where(free < way * per, free / per, way)
-
-    found: list[tuple[int, Group]] = []
-
-    def work(block: slice) -> None:
-        groups = start(glass, origins[block], directions[block])
-        for group in follow(glass, groups, onward, stop=halt if stop else None, trails=lengths):
-            found.append((block.start, group))
-
-    in_blocks(work, len(directions))
-    found.sort(key=lambda pair: pair[0])
-    numbers: dict[tuple[Steps, bool], int] = {}
-    columns: list[list[Floats]] = [[] for _ in range(6)]
-    for first, group in found:
-        number = numbers.setdefault((group.steps, group.held), len(numbers))
-        count = len(group.index)
-        momentum = np.stack(group.rays.momentum, axis=-1)
-        ways = np.zeros((count, len(glass.media)))
-        for medium, way in group.trail[1:]:
-            ways[:, medium] += way * glass.scale
-        parts = (
-            group.index + first,
-            np.full(count, number, np.intp),
-            group.weight if fresnel else np.ones(count),
-            np.stack(group.rays.place, axis=-1) * glass.scale,
-            momentum / np.sqrt(np.sum(momentum * momentum, axis=-1, keepdims=True)),
-            ways,
-        )
-        for column, part in zip(columns, parts, strict=True):
-            column.append(part)
-    paths = tuple(replace(path_of(steps), open=held) for steps, held in numbers)
-    shapes = ((0,), (0,), (0,), (0, 3), (0, 3), (0, len(glass.media)))
-    kinds = (np.intp, np.intp, float, float, float, float)
-    empty = [np.zeros(shape, kind) for shape, kind in zip(shapes, kinds, strict=True)]
-    ray, path, *rest = (
-        np.concatenate(column) if column else none
-        for column, none in zip(columns, empty, strict=True)
-    )
-    return RayEnds(ray, path, paths, *rest)
-
-
-PLAIN = 6.0
-"""Events of a way for which the least weight holds as it is."""
-ENDLESS = 64
-"""Events after which no way is followed on."""
-
-
 def lengths_axial(glass: AxialGlass, eye: Floats, directions: Floats, path: LightPath) -> tuple:
     """Lengths and media of the stretches between the events of a path, as `path_lengths`."""
     total, rows = len(directions), max(len(path) - 1, 0)
@@ -623,7 +468,7 @@ def sample_rays(glass: AxialGlass, view: Viewpoint, rows: int, columns: int) -> 
         ).reshape(-1, 2)
         places = patch.places(grid)[:3]
         rays, way = first_rays(glass, view, places)
-        met, _ = nearest(glass, view.medium, rays)
+        met, *_ = nearest(glass, view.medium, rays)
         seen = np.flatnonzero(met == number)
         # The patch's own area, as the parallelogram of small steps.
         small = 1e-3

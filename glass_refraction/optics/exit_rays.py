@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .axial import ENDLESS, PLAIN, nearest_marked
-from .facets import bent, facet_shares, fold, visible_facets
+from .axial import nearest
+from .facets import ENDLESS, bent, facet_shares, fold, visible_facets
 from .laws import reflectance_and_cosine
 from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, PlacedMesh, surface_depths
 from .profiles import Profile
@@ -31,6 +31,9 @@ TOUCHING = 2.0**-21
 """Relative distance within which two surfaces touch: of the largest coordinate of the place where a
 ray starts, or of the way to where it meets them. It is four roundings of the float32 numbers in
 which Blender keeps places."""
+
+PLAIN = 6.0
+"""Events of a way for which the least weight holds as it is."""
 
 MOST_STRAIGHT = 64
 """Interfaces that a ray may pass straight, beside the `most_events` at which it is turned."""
@@ -595,7 +598,7 @@ def _meetings(
     for medium in np.flatnonzero(np.bincount(media, minlength=1)):
         some = np.flatnonzero(media == medium)
         rays = Rays(tuple(place[:, some]), tuple(direction[:, some]))
-        interface, way, mark = nearest_marked(body, int(medium), rays)
+        interface, way, mark = nearest(body, int(medium), rays)
         on = np.flatnonzero(interface >= 0)
         index = candidates[some]
         if medium not in body.endless:

@@ -10,10 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .axial import ENDLESS
 from .laws import reflectance_and_cosine
 from .surfaces import Floats
 from .vectors import dot, refracted, units
+
+ENDLESS = 64
+"""Events after which no way is followed on."""
 
 
 def bent(normal: Floats, flat: Floats, direction: Floats, eta: Floats) -> Floats:

@@ -36,13 +36,14 @@ def render_reference(
     seed: int = 0,
     surface: str = "GLASS",
     glass_shadows: bool = False,
+    denoised: bool = False,
     glasses: Sequence[Glass] | None = None,
 ) -> np.ndarray:
     """Render the scene's current frame in Cycles with its glasses as real meshes.
 
     Camera, world, lights, resolution, border, pixel filter and film are the scene's own. Bounces
-    suffice for glass, caustics are on; clamping, denoising and adaptive sampling are off. The scene
-    itself, the selection and all data-blocks are left as they were.
+    suffice for glass, caustics are on; clamping and adaptive sampling are off. The scene itself,
+    the selection and all data-blocks are left as they were.
 
     Parameters
     ----------
@@ -53,6 +54,7 @@ def render_reference(
     glass_shadows : False lights every surface as though there were no glass: it is there for the
         camera and behind sharp mirrors and other clear glass. True lets it block lamps, cast
         caustics and be mirrored in rough surfaces.
+    denoised : by the denoiser of the scene's settings.
     glasses : by default those of the scene.
 
     Returns
@@ -84,12 +86,14 @@ def render_reference(
             seed=seed,
             surface=surface,
             glass_shadows=glass_shadows,
+            denoised=denoised,
         )
     closed, meshes = _objects(glasses)
     with _reference_scene(scene) as reference, ExitStack() as temporary:
         for obj in closed:
             _set(temporary, obj, "hide_render", True)
         _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)
+        reference.cycles.use_denoising = denoised
         materials: dict[tuple, bpy.types.Material] = {}
         for obj, glass in meshes.items():
             _show_mesh(obj, glass, surface, glass_shadows, materials, temporary)

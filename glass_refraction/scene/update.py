@@ -257,19 +257,15 @@ def _show_mesh(scene: bpy.types.Scene, glass: bpy.types.Object, shown: bool) -> 
         write_input(glass_modifier(glass), "Show in Render", shown)
 
 
-def update(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, exact: bool | None = None
-) -> Status:
+def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
     """Solve what changed and write it into what :func:`prepare` made.
 
     Parameters
     ----------
     scene : the user's (original) scene.
     depsgraph : evaluated; of a render or of the viewport.
-    exact : look at every edge and start from nothing, so that the answer depends on this moment
-        alone; else follow from the last answer. By default a render is exact.
     """
-    return finished(updating(scene, depsgraph, exact=exact))
+    return finished(updating(scene, depsgraph))
 
 
 def finished(steps: Generator[Step, None, Status]) -> Status:
@@ -282,7 +278,7 @@ def finished(steps: Generator[Step, None, Status]) -> Status:
 
 
 def updating(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, exact: bool | None = None
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
 ) -> Generator[Step, None, Status]:
     """:func:`update` in steps: each may be the last, what stands is then what it was."""
     memory = memory_of(scene)
@@ -295,12 +291,11 @@ def updating(
     if effective_shading(scene) == "TRUE":
         # Of use to renders alone; 3D views follow rays in their own way.
         return true.update(scene, depsgraph, view) if is_render else memory.status
-    exact = is_render if exact is None else exact
     # Renders send no update notifications, so nothing may be taken to be as it was.
-    still = None if is_render else (generation(scene), view.stamp(), _settings_stamp(scene), exact)
+    still = None if is_render else (generation(scene), view.stamp(), _settings_stamp(scene))
     if still is not None and memory.still == still:
         return memory.status
-    found = yield from displaced.updating(scene, depsgraph, view, exact=exact)
+    found = yield from displaced.updating(scene, depsgraph, view)
     memory.still = still
     return found
 

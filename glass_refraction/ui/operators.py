@@ -455,7 +455,7 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
 
     def _steps_of(self, context: bpy.types.Context):
         door.prepare(context.scene, context.evaluated_depsgraph_get(), strict=True)
-        return door.updating(context.scene, context.evaluated_depsgraph_get(), exact=True)
+        return door.updating(context.scene, context.evaluated_depsgraph_get())
 
     def _end(self, found: door.Status) -> set[str]:
         for problem in found.problems:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The shaders of the live picture, as text; :mod:`paint` compiles them when a view is drawn.
 
-`FOLLOW` follows one ray through all glasses, as ``optics.follow_rays`` does; it reads them from the
+`FOLLOW` follows one ray through all glasses, as ``optics.exit_rays`` does; it reads them from the
 block that :mod:`description` packs. What is done with a way that leaves is up to the text that
 stands before it: `PICTURE` looks its colour up, a test writes its exit ray.
 """

@@ -3,9 +3,11 @@
 
 import numpy as np
 import pytest
+from ways import ways
 
 from glass_refraction import optics
 from glass_refraction.optics import CylinderGlass, FlatGlass, SphereGlass
+from glass_refraction.optics.axial import nearest, start
 from glass_refraction.optics.bodies import Ball, Prism, Tube
 
 SQUARE = ((-0.05, -0.04), (0.05, -0.04), (0.05, 0.04), (-0.05, 0.04))
@@ -42,7 +44,7 @@ def _met(name, seed, count):
 def test_all_light_of_a_ray_comes_from_somewhere(name):
     body = optics.body(BODIES[name])
     eye, directions = _met(name, 1, 1000)
-    ends = optics.follow_rays(body, eye, directions, min_weight=1e-3)
+    ends = ways(body, eye, directions, min_weight=1e-3)
     brought = np.bincount(ends.ray, ends.weight, len(eye))
     assert (brought < 1.0 + 1e-12).all()
     # What is totally reflected round and round in a block never leaves it.
@@ -54,12 +56,12 @@ def test_all_light_of_a_ray_comes_from_somewhere(name):
 def test_light_goes_back_the_way_it_came(name):
     body = optics.body(BODIES[name])
     eye, directions = _met(name, 2, 150)
-    ends = optics.follow_rays(body, eye, directions, min_weight=0.03)
+    ends = ways(body, eye, directions, min_weight=0.03)
     # What leaves a tank by its wall's sides ends beside the water: nobody says in what.
     kept = [len(path) > 0 and not (name == "tank" and _has_end(path)) for path in ends.paths]
     some = np.flatnonzero(np.array(kept)[ends.path])
     far = ends.origin[some] + 0.3 * ends.direction[some]
-    back = optics.follow_rays(body, far, -ends.direction[some], min_weight=0.01)
+    back = ways(body, far, -ends.direction[some], min_weight=0.01)
     along = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     found = np.zeros(len(some), bool)
     for ray, path, weight, origin, direction in zip(
@@ -85,7 +87,7 @@ def test_rays_that_meet_no_end_take_the_paths_of_the_unbounded_glass(name):
     glass = BODIES[name]
     body = optics.body(glass)
     eye, directions = _met(name, 3, 2000)
-    ends = optics.follow_rays(body, eye, directions, min_weight=0.003)
+    ends = ways(body, eye, directions, min_weight=0.003)
     paths = tuple(dict.fromkeys(path.events for path in ends.paths if path.events))
     paths = tuple(sorted(paths, key=len)[:20])
     within, _ = optics.path_weights(glass, eye, directions, paths)
@@ -124,7 +126,7 @@ def test_a_corner_sends_light_back(slope):
     origin = np.column_stack((x, np.full(41, -0.3), np.full(41, -0.01)))
     origin[:, 0] -= 0.3 * slope
     direction = np.tile((slope, 1.0, 0.0), (41, 1))
-    ends = optics.follow_rays(body, origin, direction, min_weight=0.5)
+    ends = ways(body, origin, direction, min_weight=0.5)
     events = np.array([ends.paths[n].events for n in ends.path])
     back = events == "TRRT"
     assert back.sum() > 20
@@ -144,8 +146,9 @@ def test_bodies_say_where_they_are():
         assert medium.max() == len(body.media) - 1
         # A ray that starts in a medium meets an interface of it first.
         some = np.flatnonzero(~np.isin(medium, body.endless))
-        way = optics.reach(body, points[some], rng.normal(size=(len(some), 3)))
-        assert np.isfinite(way).all()
+        for group in start(body, points[some], rng.normal(size=(len(some), 3))):
+            interface, way, _ = nearest(body, group.medium, group.rays)
+            assert (interface >= 0).all() and np.isfinite(way).all()
 
 
 def test_no_bodies_where_none_are():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from ways import ways
 
 from glass_refraction import optics
 from glass_refraction.optics import solver
@@ -81,7 +82,7 @@ def same_rays(one, other, at, atol=1e-9, paths=False, weight=1e-9):
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_one_glass_is_what_follow_rays_finds(name):
+def test_exit_rays_of_one_glass_are_its_light_paths(name):
     body, rng = BODIES[name], np.random.default_rng(3)
     count = 60 if name == "bowl" else 400
     eye, directions = rays_at(rng, body.box, count)
@@ -95,7 +96,7 @@ def test_one_glass_is_what_follow_rays_finds(name):
         min_weight=0.02,
         most_events=63,
     )
-    expected = optics.follow_rays(body, eye, directions, min_weight=0.02)
+    expected = ways(body, eye, directions, min_weight=0.02)
     numbers = {part.name: number for number, part in enumerate(body.interfaces)}
     paths = []
     for path in expected.paths:
@@ -164,7 +165,7 @@ def test_surfaces_that_only_refract_split_nothing():
     assert np.bincount(ends.ray).max() == 1
     np.testing.assert_array_equal(np.bincount(ends.ray, minlength=300) + ends.lost, 1.0)
     # Where nothing is totally reflected these are the ways without reflections.
-    plain = optics.follow_rays(body, eye, directions, fresnel=False)
+    plain = ways(body, eye, directions, fresnel=False)
     rows = np.searchsorted(ends.ray, plain.ray)
     np.testing.assert_allclose(ends.direction[rows], plain.direction, atol=1e-9)
     assert len(ends.ray) > len(plain.ray)
@@ -351,13 +352,13 @@ def test_thin_gaps_are_gaps():
 def test_cost_grows_with_the_rays_that_meet_glasses_not_with_glasses(monkeypatch):
     """Interfaces are looked for where a ray passes the ball round their glass, and nowhere else."""
     module = sys.modules["glass_refraction.optics.exit_rays"]
-    nearest, asked = module.nearest_marked, []
+    nearest, asked = module.nearest, []
 
     def counted(body, medium, rays):
         asked.append(len(rays.place[0]))
         return nearest(body, medium, rays)
 
-    monkeypatch.setattr(module, "nearest_marked", counted)
+    monkeypatch.setattr(module, "nearest", counted)
     rng = np.random.default_rng(22)
     body, eye = BODIES["tumbler"], np.array([0.0, -0.5, 0.3])
     first = optics.PlacedGlass(body, np.eye(4))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The live view's shader follows rays as ``optics.follow_rays`` does, 100,000 of each shape."""
+"""The live view's shader follows rays as ``optics.exit_rays`` does, 100,000 of each shape."""
 
 import pytest
 

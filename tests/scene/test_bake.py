@@ -574,7 +574,7 @@ def test_a_failure_leaves_no_scene_in_the_middle_of_a_bake(tmp_path, monkeypatch
 def test_true_shading_cannot_be_baked_and_nothing_is_changed(tmp_path):
     scene, _, _ = _scene(tmp_path, shading="TRUE")
     before = [block.name for kind in ("scenes", "images") for block in getattr(bpy.data, kind)]
-    with pytest.raises(RuntimeError, match="True shading.*cannot be baked: choose Displaced"):
+    with pytest.raises(RuntimeError, match=r"True shading.*cannot be baked: choose Displaced"):
         _bake()
     after = [block.name for kind in ("scenes", "images") for block in getattr(bpy.data, kind)]
     assert after == before

@@ -159,7 +159,7 @@ def test_what_exceeds_the_slots_is_told_of(tmp_path):
     door.prepare(scene, scenes.depsgraph())
     plan = door.memory_of(scene).plan
     (pane,) = plan.panes
-    found = door.update(scene, scenes.depsgraph(), exact=True)
+    found = door.update(scene, scenes.depsgraph())
     kept = len(found.paths)
     assert kept <= pane.slots
     assert ("are left out" in " ".join(found.problems)) == (kept == pane.slots)

@@ -100,7 +100,7 @@ def test_copies_trace_back_to_the_points():
     rod = scenes.rod()
     scene = scenes.settings(surface="REFRACTION", shading="DISPLACED")
     prepare(scene, scenes.depsgraph())
-    update(scene, scenes.depsgraph(), exact=True)
+    update(scene, scenes.depsgraph())
     glass, view = _glass_and_view(scene)
     layers = find_layers(scene)
     checked = 0

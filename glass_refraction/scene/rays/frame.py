@@ -263,17 +263,31 @@ def _bands(glasses: Sequence[Glass]) -> list[Band]:
     for band in names:
         seen = [glass.in_light(band) if glass.disperses and band else glass for glass in glasses]
         bodies = [body for body in map(as_body, seen) if body is not None]
-        found.append((BAND_COLOURS[band], [_placed(body) for body in bodies]))
+        ranks = _ranks(bodies)
+        placed = [_placed(body, rank) for body, rank in zip(bodies, ranks, strict=True)]
+        found.append((BAND_COLOURS[band], placed))
     return found
 
 
-def _placed(body: Glass) -> optics.Placed:
+def _ranks(bodies: Sequence[Glass]) -> list[int]:
+    """Priorities of glasses as the tracer takes them.
+
+    Of equal priorities a glass within another's box holds: a ball in a tank of water is seen.
+    """
+    boxes = [(c.min(axis=0), c.max(axis=0)) for c in map(_corners, bodies)]
+    depths = [
+        sum(bool((low > a).all() and (high < b).all()) for a, b in boxes) for low, high in boxes
+    ]
+    return [body.priority * len(bodies) + depth for body, depth in zip(bodies, depths, strict=True)]
+
+
+def _placed(body: Glass, priority: int) -> optics.Placed:
     mesh = body.description
     if isinstance(mesh, MeshGlass):
         return optics.PlacedMesh(
             mesh.ior,
             body.absorption[1],
-            body.priority,
+            priority,
             mesh.roughness,
             mesh.box,
             (mesh.refracted, mesh.reflected),
@@ -282,7 +296,7 @@ def _placed(body: Glass) -> optics.Placed:
     absorption = np.zeros((media, 3))
     known = np.array(body.absorption[:media]).reshape(-1, 3)
     absorption[: len(known)] = known
-    return optics.PlacedGlass(body.description, body.to_world, absorption, body.priority)
+    return optics.PlacedGlass(body.description, body.to_world, absorption, priority)
 
 
 def _through(frame: FrameInput) -> np.ndarray | None:

@@ -76,6 +76,10 @@ def prepare(scene: bpy.types.Scene) -> None:
         tree[_STRUCTURE] = structure
         insert_group(scene, tree, views)
     write_kernels()
+    # Whatever was linked above put all scenes off; Blender 5.2 crashes where a render finds it so.
+    for changed in (scene, cast, *views):
+        for layer in changed.view_layers:
+            synchronise(layer)
 
 
 def remove(scene: bpy.types.Scene) -> None:

@@ -157,17 +157,6 @@ class Snapshot:
             start += len(points)
         return out
 
-    def some(self, indices: np.ndarray) -> np.ndarray:
-        """The vertices (K,) of one piece after another, (K, 3) float64 in the world."""
-        out = np.empty((len(indices), 3))
-        start = 0
-        for points, pose in zip(self.local, self.to_world, strict=True):
-            here = (indices >= start) & (indices < start + len(points))
-            chosen = points[indices[here] - start]
-            out[here] = affine(chosen, pose[:3], np.empty((len(chosen), 3)))
-            start += len(points)
-        return out
-
     def world(self) -> np.ndarray:
         """All vertices (N, 3) float64, one after another, in the world."""
         return self.placed(np.eye(4)[:3])

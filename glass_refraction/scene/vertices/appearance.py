@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a source appears along one light path of one glass: solved, refined, followed.
+"""Where a source appears along one light path of one glass: solved and refined.
 
-Found *exactly*, every edge that could miss is looked at and the answer depends on nothing that came
-before, so a frame looks the same in any order. Found *live*, the triangles of the last time are
-kept, the solve starts from where the vertices appeared then, and only the edges that missed most
-are looked at; if those miss now, all is found exactly again.
+Every edge that could miss is looked at, and the answer depends on nothing that came before: a frame
+looks the same in whichever order frames are made.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,15 +23,11 @@ from .tessellation import (
     Probe,
     Triangles,
     may_hide_more,
-    overlaps,
     refine,
-    view_pixels,
 )
 
 FAINT = 0.5
 """Paths with less of the light than this show an object only where a probe's ray comes near it."""
-WATCHED = 512
-"""Edges that a live update looks at: those that missed most the last time all were looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +128,8 @@ class Appearance:
     refined : they are parts.
     found : where the triangles' points appear, in the glass's frame; None if that was not asked.
     images : the same in the world; None if nothing can be seen in the region.
-    bound_px : the largest gap between a straight image edge and the true image; found live, the
-        largest of the watched edges.
-    watched : (K, 2) edges for the next live update; None: yet to be chosen.
+    bound_px : the largest gap between a straight image edge and the true image.
     topology : of the source, as ``Snapshot`` says.
-    exact : found exactly.
     """
 
     triangles: Triangles
@@ -147,9 +138,7 @@ class Appearance:
     found: optics.ApparentPoints | None
     images: Images | None
     bound_px: float
-    watched: np.ndarray | None
     topology: tuple
-    exact: bool
 
     @property
     def vertices(self) -> int:
@@ -175,7 +164,7 @@ class Search:
     max_gap_px: float
     importance: float
 
-    def exactly(
+    def find(
         self, source: Source, before: Appearance | None = None, start: Appearance | None = None
     ) -> Appearance:
         """Where the source appears.
@@ -213,11 +202,11 @@ class Search:
             triangles, bound = refined.triangles, refined.bound_px
             found = self.solver(triangles.points)
             images = self.solver.in_world(found)
-            watched, is_refined = None, True
+            is_refined = True
         elif not near.any():
             return self._unseen(source, triangles, corners, found)
         else:
-            bound, watched, is_refined = edges.bound(near), edges.worst(near, WATCHED), False
+            bound, is_refined = edges.bound(near), False
         return Appearance(
             triangles,
             corners,
@@ -225,46 +214,7 @@ class Search:
             found,
             images,
             bound,
-            watched,
             source.snapshot.topology,
-            True,
-        )
-
-    def live(self, source: Source, before: Appearance | None) -> Appearance:
-        """The same, starting from what was found ``before`` the source or the eye moved."""
-        if before is None or before.topology != source.snapshot.topology:
-            return self.exactly(source)
-        if before.found is None and self._passes_by(source.snapshot.world()):
-            return before
-        if before.refined:
-            triangles = before.triangles.followed(source.snapshot.world(), before.of_source)
-            found = self.solver(triangles.points, before.found)
-        else:
-            triangles = before.triangles.moved_to(source.snapshot.world)
-            found = self.solver.of_local(self._local(source), before.found)
-        images = self.solver.in_world(found)
-        if before.images is None:
-            if may_hide_more(images) or self._reaches(images):
-                return self.exactly(source, before)
-            return self._unseen(source, triangles, before.of_source, found)
-        watched = before.watched
-        if watched is None:
-            all_edges, near = self._edges(triangles, images)
-            watched = all_edges.worst(near, WATCHED)
-        ends = watched.ravel()
-        points = triangles.points[ends] if before.refined else source.snapshot.some(ends)
-        edges = self._watched(points, images, watched)
-        every = np.ones(len(watched), bool)
-        if edges.wrong(every, self.max_gap_px).any():
-            return self.exactly(source, before)
-        return replace(
-            before,
-            triangles=triangles,
-            found=found,
-            images=images,
-            bound_px=edges.bound(every),
-            watched=watched,
-            exact=False,
         )
 
     def _local(self, source: Source) -> np.ndarray:
@@ -278,9 +228,8 @@ class Search:
         return self.importance < FAINT and not self.probe.meets_box(points)
 
     def _unseen(self, source: Source, triangles, of_source, found) -> Appearance:
-        watched = np.empty((0, 2), int)
         topology = source.snapshot.topology
-        return Appearance(triangles, of_source, False, found, None, 0.0, watched, topology, True)
+        return Appearance(triangles, of_source, False, found, None, 0.0, topology)
 
     def _edges(self, triangles: Triangles, images: Images) -> tuple[EdgeImages, np.ndarray]:
         """All edges, measured where they could miss, and which of them (E,) may be seen."""
@@ -294,25 +243,6 @@ class Search:
             found.measure(asked, self.solver.images(middles))
             near = found.near(triangle_edges, self.rect)
         return found, near
-
-    def _watched(self, points: np.ndarray, images: Images, edges: np.ndarray) -> EdgeImages:
-        """Some edges (K, 2) alone, whose ends are the points (2 K, 3), measured."""
-        ends = edges.ravel()
-        some = Images(images.position[:, ends], images.valid[:, ends], images.stretch)
-        pairs = np.arange(len(ends)).reshape(-1, 2)
-        found = EdgeImages(points, pairs, some, self.solver.view)
-        if len(edges):
-            middles = self.solver.images(points.reshape(-1, 2, 3).mean(axis=1))
-            found.measure(np.arange(len(edges)), middles)
-        return found
-
-    def _reaches(self, images: Images) -> bool:
-        """Whether a vertex appears in the rectangle."""
-        for position, valid in zip(images.position, images.valid, strict=True):
-            places = view_pixels(self.solver.view, position[valid])
-            if overlaps(np.concatenate((places, places), axis=1), self.rect).any():
-                return True
-        return False
 
 
 def moment_of(solver: Solver, source: Source, shape: Appearance) -> np.ndarray | None:

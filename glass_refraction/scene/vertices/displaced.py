@@ -165,20 +165,11 @@ def _dress_copies(layers: Layers, view_layer: bpy.types.ViewLayer, depsgraph) ->
 
 
 def updating(
-    scene: bpy.types.Scene,
-    depsgraph: bpy.types.Depsgraph,
-    view: Viewpoint,
-    *,
-    exact: bool,
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint
 ) -> Generator[Step, None, Status]:
     """Solve what changed and write it into what :func:`prepare` made.
 
     In steps, one a copy: each may be the last, what stands is then what it was.
-
-    Parameters
-    ----------
-    exact : look at every edge and start from nothing, so that the answer depends on this moment
-        alone; else follow from the last answer.
     """
     layers, memory = find_layers(scene), memory_of(scene)
     if layers is None or memory.plan is None:
@@ -189,7 +180,7 @@ def updating(
     if blurred and memory.centre not in (None, frame_time(scene)):
         keep_moment(scene, memory, layers, view, depsgraph)
         return memory.status
-    frame = _Frame(scene, depsgraph, view, layers, memory, exact)
+    frame = _Frame(scene, depsgraph, view, layers, memory)
     yield from frame.updating()
     if is_render:
         frame.write_layers()
@@ -218,9 +209,9 @@ def updating(
 class _Frame:
     """One moment of a scene, to be written into its copies, images and outlines."""
 
-    def __init__(self, scene, depsgraph, view: Viewpoint, layers: Layers, memory, exact) -> None:
+    def __init__(self, scene, depsgraph, view: Viewpoint, layers: Layers, memory) -> None:
         self.scene, self.depsgraph, self.view = scene, depsgraph, view
-        self.layers, self.memory, self.exact = layers, memory, exact
+        self.layers, self.memory = layers, memory
         self.problems: list[str] = []
         self._images = images_of(scene)
         self._copies = layers.copies()
@@ -433,18 +424,14 @@ class _Task:
 
     def update(self, copy: bpy.types.Object, original: bpy.types.Object) -> None:
         """Find where an object appears, unless nothing changed, and write it into its copy."""
-        memory, exact = self.frame.memory, self.frame.exact
+        memory = self.frame.memory
         key = (self.pane.number, self.slot, original.session_uid)
         with pieces(original, self.frame.depsgraph) as parts:
             extra = coordinates(parts, dressed_coordinates(copy))
             source = Source(parts, is_carried(original), extra)
             stamp, known, before = memory.copies.get(key, (None, None, None))
-            usable = stamp == self.stamp and (before.exact or not exact)
-            if not (usable and source.unchanged(known)):
-                if exact:
-                    shape = self.search.exactly(source, before, self._of_last_band(key))
-                else:
-                    shape = self.search.live(source, before)
+            if stamp != self.stamp or not source.unchanged(known):
+                shape = self.search.find(source, before, self._of_last_band(key))
                 write_copy(copy, source, shape, self.frame.view, before=before)
                 counters["solves"] += 1
                 counters["copies"] += 1

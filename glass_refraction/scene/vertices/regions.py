@@ -382,15 +382,12 @@ def _dark_rays(glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool) 
     x0, y0, x1, y1 = picture_rect(glass, view)
     x, y = np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
     eye, directions = view.rays_in(glass, x.ravel(), y.ravel())
-    ends = optics.follow_rays(
-        glass.description, eye, directions, min_weight=min_weight, lengths=False
-    )
-    brought = np.bincount(ends.ray, ends.weight, len(directions))
+    placed = optics.PlacedGlass(glass.description, np.eye(4))
+    ends = optics.exit_rays([placed], eye, directions, min_weight=min_weight)
     through = np.ones(len(directions), bool)
-    events = np.array([len(path) for path in ends.paths], int)
-    through[ends.ray[events[ends.path] == 0]] = False
+    through[ends.ray[ends.events == 0]] = False
     # Where surfaces only refract, what is reflected is lost, not left out.
-    return (brought[through] < 0.5) & fresnel
+    return (ends.lost[through] > 0.5) & fresnel
 
 
 def _closed_forms(depsgraph: bpy.types.Depsgraph) -> list[Glass]:

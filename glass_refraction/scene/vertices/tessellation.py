@@ -110,19 +110,6 @@ class Triangles:
             other.__dict__["_edges"] = self._edges
         return other
 
-    def moved_to(self, place: Callable[[], np.ndarray]) -> Triangles:
-        """The same, of points that are worked out when they are asked for."""
-        other = self.moved(np.empty((0, 3)))
-        del other.__dict__["points"]
-        other.__dict__["_place"] = place
-        return other
-
-    def __getattr__(self, name: str) -> np.ndarray:
-        if name != "points" or "_place" not in self.__dict__:
-            raise AttributeError(name)
-        self.__dict__["points"] = self.__dict__.pop("_place")()
-        return self.points
-
     def followed(self, points: np.ndarray, corners: np.ndarray) -> Triangles:
         """The same parts of the source's triangles (corners) of points that are elsewhere."""
         whole, weights = self._rows
@@ -290,14 +277,6 @@ class EdgeImages:
         """The largest gap in pixels that a triangle with these edges (E,) bool can have."""
         seen = near & (self.length > SHORT_EDGE_PX) & ~self.across
         return INTERIOR * float(self.gap[seen].max(initial=0.0))
-
-    def worst(self, near: np.ndarray, number: int) -> np.ndarray:
-        """The ends (K, 2) of those edges that miss most or, where nothing does, are longest."""
-        some = np.nonzero(near & np.isfinite(self.length))[0]
-        if len(some) > number:
-            order = np.argpartition(-self.gap[some] - 1e-6 * self.length[some], number)
-            some = some[order[:number]]
-        return self.edges[some]
 
     def wrong(self, near: np.ndarray, aim: float) -> np.ndarray:
         """(E,) which of these edges miss by more than ``aim`` pixels and are long enough."""

@@ -22,10 +22,12 @@ WAYS = 24
 CHAOTIC = 8
 """Events from which on rounding grows beyond what single precision can tell."""
 
-STAR = [
-    (np.cos(0.2 * np.pi * k) / (1 + k % 2), np.sin(0.2 * np.pi * k) / (1 + k % 2))
-    for k in range(10)
-]
+STAR = np.array(
+    [
+        (np.cos(0.2 * np.pi * k) / (1 + k % 2), np.sin(0.2 * np.pi * k) / (1 + k % 2))
+        for k in range(10)
+    ]
+)
 
 
 def shapes(optics):
@@ -81,11 +83,11 @@ def compare(optics, description, paint, glass, seed):
     )
     seconds = time.perf_counter() - began
     places, alongs = (v.reshape(WAYS, -1, 4).astype(float) for v in (places, alongs))
-    ends = optics.follow_rays(body, origins, directions, min_weight=LEAST, lengths=False)
-    met = np.array([len(path.events) > 0 for path in ends.paths])[ends.path] & outside[ends.ray]
-    ray, weight = ends.ray[met], ends.weight[met]
+    placed = optics.PlacedGlass(body, np.eye(4))
+    ends = optics.exit_rays([placed], origins, directions, min_weight=LEAST)
+    met = (ends.events > 0) & outside[ends.ray]
+    ray, weight, events = ends.ray[met], ends.weight[met], ends.events[met]
     origin, direction = ends.origin[met], ends.direction[met]
-    events = np.array([len(path.events) for path in ends.paths])[ends.path][met]
     # The way of the shader that is nearest: in direction, and in weight where directions agree.
     off = np.linalg.norm(alongs[:, ray, :3] - direction, axis=2)
     change = np.abs(places[:, ray, 3] - weight)

@@ -19,7 +19,7 @@ from mathutils import Quaternion, Vector
 FOLDER, SCENE = Path(sys.argv[-2]), Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 FRAMES = (1, 10, 20)
-REST_SECONDS = 120
+REST_SECONDS = 300
 
 result = {"seconds": {}}
 

@@ -45,6 +45,19 @@ def sky_ways(ray, direction, weight=None, path=None):
     )  # fmt: skip
 
 
+class Following:
+    """Follows rays of a view by a function of their origins and directions."""
+
+    def __init__(self, view, follow):
+        self._view, self._follow = view, follow
+
+    def ways(self, pixels, places):
+        width = self._view.size[0]
+        pixel = np.repeat(pixels, len(places))
+        x, y = np.tile(places, (len(pixels), 1)).T
+        return self._follow(*self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y))
+
+
 def straight(origins, directions):
     """Follow nothing: each ray leaves as it came."""
     return sky_ways(np.arange(len(origins)), directions), np.zeros(len(origins))
@@ -116,7 +129,7 @@ def test_the_filters_sigma_is_that_of_the_engine(tmp_path, engine, size, aa):
 def test_finer_rays_lie_in_their_pixels_and_share_it():
     view = view_of()
     pixels = np.array([5, 200, 3000])
-    rays = finer_rays(view, pixels, 3, 0.4, straight)
+    rays = finer_rays(pixels, 3, 0.4, Following(view, straight))
     assert len(rays.pixel) == 27
     np.testing.assert_allclose(np.bincount(rays.pixel, rays.share)[pixels], 1.0)
     slope = rays.ways.direction[:, :2] / -rays.ways.direction[:, 2:]
@@ -138,7 +151,7 @@ def test_light_that_was_not_followed_goes_with_what_was():
         )  # fmt: skip
         return both, np.full(count, 0.2)
 
-    rays = centre_rays(view_of(), np.arange(10), follow)
+    rays = centre_rays(np.arange(10), Following(view_of(), follow))
     sums = np.bincount(rays.ways.ray, rays.ways.weight)
     np.testing.assert_allclose(sums, 1.0)
     np.testing.assert_allclose(rays.ways.weight[:10] / rays.ways.weight[10:], 3.0)
@@ -181,7 +194,7 @@ def test_neighbours_of_no_ways():
 
 
 def test_where_all_is_smooth_nothing_ends():
-    rays = centre_rays(view_of(), np.arange(SIZE[0] * SIZE[1]), straight)
+    rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view_of(), straight))
     beside = neighbours(rays, SIZE)
     count = len(rays.ways)
     y, x = np.divmod(rays.pixel[rays.ways.ray], SIZE[0])
@@ -234,7 +247,7 @@ def _flux(view, rays, light):
 def test_all_pixels_together_get_the_suns_flux(through, half_px):
     """In the mean over places of a pixel: a filter sees a point of light now more, now less."""
     view = view_of(3.0)
-    rays = centre_rays(view, np.arange(SIZE[0] * SIZE[1]), through)
+    rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view, through))
     beside = neighbours(rays, SIZE)
     pixel = 2.0 / (SIZE[0] * view.projection[0, 0])
     half = half_px * pixel
@@ -254,7 +267,7 @@ def test_all_pixels_together_get_the_suns_flux(through, half_px):
 
 def test_a_sun_is_as_bright_as_it_is_and_ends_at_its_border():
     view = view_of(3.0)
-    rays = centre_rays(view, np.arange(SIZE[0] * SIZE[1]), straight)
+    rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view, straight))
     half = 10.0 * 2.0 / (SIZE[0] * view.projection[0, 0])
     sun = Sun((0.0, 0.0, -1.0), float(np.cos(half)), (5.0, 2.0, 1.0))
     light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25)
@@ -265,7 +278,7 @@ def test_a_sun_is_as_bright_as_it_is_and_ends_at_its_border():
 
 def test_a_sun_as_wide_as_half_the_sky():
     view = view_of(3.0)
-    rays = centre_rays(view, np.arange(SIZE[0] * SIZE[1]), straight)
+    rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view, straight))
     sun = Sun((0.0, 0.0, -1.0), 0.0, (5.0, 2.0, 1.0))
     light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25)
     np.testing.assert_allclose(light, np.broadcast_to(sun.radiance, light.shape))

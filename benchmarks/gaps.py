@@ -6,10 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .apparent import apparent_points
-from .glasses import Glass
-from .images import ApparentPoints
-from .paths import LightPath, ParallelView, as_eye
+from glass_refraction.optics import ApparentPoints, LightPath, ParallelView, apparent_points
+from glass_refraction.optics.glasses import Glass
+from glass_refraction.optics.paths import as_eye
 
 Floats = NDArray[np.float64]
 
@@ -107,13 +106,6 @@ def triangle_gaps(
     broken = corners != seen[:, 0]
     bound = np.maximum(4.0 / 3.0 * greatest, inside)
     return np.where(broken, np.inf, bound)
-
-
-def edges_to_split(gaps: ArrayLike, tolerance_px: float) -> NDArray[np.bool_]:
-    """Which edges (E,) of `edge_gaps` (B, E) are further off than `tolerance_px` in any image."""
-    if not tolerance_px > 0.0:
-        raise ValueError(f"tolerance_px must be positive, not {tolerance_px!r}")
-    return (np.asarray(gaps) > tolerance_px).any(axis=0)
 
 
 def _size(vectors: Floats) -> Floats:

@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import optics
-from ...optics.solver import in_blocks
+from glass_refraction import optics
+from glass_refraction.optics.solver import in_blocks
 
 Floats = np.ndarray
 

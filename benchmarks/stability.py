@@ -10,8 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from ... import optics
-from ...optics.glasses import Glass
+from glass_refraction import optics
+from glass_refraction.optics.glasses import Glass
+
 from .cases import BALL, FILLED, HOLLOW, SLAB
 from .forward import FOCAL_PX, Checked, check, direction_errors
 from .plots import Chart

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ... import optics
+from glass_refraction import optics
+
 from .cases import FINE_TOLERANCE, HOLLOW, WATER
 from .forward import FOCAL_PX, angles_px
+from .gaps import triangle_gaps
 from .measure import seconds, spread
 from .plots import Chart, Curve
 from .settings import Settings
@@ -87,7 +89,8 @@ def grid(corner, side, other, cells: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _refined(glass, path, eye, points, triangles, tolerance_px):
     """The product's own refinement of a mesh: seconds, points and triangles."""
-    from ...scene.vertices.tessellation import Images, Triangles, refine, region_probe
+    from glass_refraction.scene.vertices.tessellation import Images, Triangles, refine, region_probe
+
     from .views import standing, viewpoint
 
     view = viewpoint(eye, points.mean(axis=0), FOCAL_PX, SIZE)
@@ -119,7 +122,7 @@ def _measured(settings: Settings, glass, path, eye, points, triangles) -> dict:
 
     apparent = solve(points)
     taken = spread([seconds(lambda: solve(points)) for _ in range(settings.repeats)])
-    bound = optics.triangle_gaps(glass, path, eye, points, triangles, apparent, focal_px=FOCAL_PX)
+    bound = triangle_gaps(glass, path, eye, points, triangles, apparent, focal_px=FOCAL_PX)
     inner = _inner_weights()
     corners = points[triangles]
     places = np.einsum("pk,tkc->tpc", inner, corners).reshape(-1, 3)

@@ -45,6 +45,13 @@ def seconds(function: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
+def cpu_seconds(function: Callable[[], object]) -> float:
+    """Time that all threads of this process spend on one call."""
+    started = time.process_time()
+    function()
+    return time.process_time() - started
+
+
 def spread(samples: list[float]) -> dict[str, float]:
     """Median, least and greatest of some samples, and all of them."""
     return {
@@ -74,14 +81,6 @@ def peak_bytes(function: Callable[[], object]) -> int:
     finally:
         tracemalloc.stop()
     return peak
-
-
-def resident_bytes() -> int | None:
-    """Memory of this process that is in use now; None where the system does not tell."""
-    table = Path("/proc/self/statm")
-    if not table.exists():
-        return None
-    return int(table.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def machine() -> dict[str, str | int]:

@@ -16,15 +16,15 @@ from .measure import machine
 from .plots import draw
 from .settings import Settings
 
-PARTS = ("solver", "tessellation", "pictures", "scaling", "stability", "left_out", "live")
+PARTS = ("solver", "rays", "tessellation", "pictures", "scaling", "stability", "left_out")
 """In the report's order; each the name of a module."""
 
-BLENDER_PARTS = frozenset(PARTS) - {"solver", "stability"}
+BLENDER_PARTS = frozenset(PARTS) - {"solver", "rays", "stability"}
 """Parts that need Blender; the others run on NumPy alone."""
 SCENE_PARTS = frozenset({"pictures", "left_out"})
 """Parts that render the scenes of the settings."""
 
-FORMAT = 1
+FORMAT = 2
 """Of ``report.json``, to be raised with every change of what a part tells: a report of another
 format is not added to."""
 
@@ -100,7 +100,7 @@ def markdown(report: dict) -> str:
     lines = [
         "# Benchmark",
         "",
-        "All figures come from runs of `python -m glass_refraction benchmark -o FOLDER`. A time is "
+        "All figures come from runs of `./run benchmark -o FOLDER`. A time is "
         "the median of its repeats, with the least and the greatest in brackets. Ratios of times "
         "hold within one process, in which the rivals took turns.",
         "",
@@ -145,8 +145,7 @@ def chosen(only: Iterable[str], settings: Settings) -> tuple[str, ...]:
             )
         if name in SCENE_PARTS and not settings.scenes:
             raise ValueError(
-                f"part {name!r} needs scenes, and no demo scenes lie beside the extension: name "
-                "some (--scenes), or choose other parts (--only)"
+                f"part {name!r} needs scenes: name some (--scenes), or choose other parts (--only)"
             )
     return names
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ... import optics
-from ...optics.glasses import Glass
+from glass_refraction import optics
+from glass_refraction.optics.glasses import Glass
 
 SLAB = optics.FlatGlass((0.01,), (1.5,))
 HOLLOW = optics.CylinderGlass((0.040, 0.037), (1.5, 1.0))

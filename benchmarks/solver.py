@@ -7,8 +7,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ... import optics
-from ...optics.axial import AxialGlass
+from glass_refraction import optics
+from glass_refraction.optics.axial import AxialGlass
+
 from . import newton, paper
 from .cases import (
     BEHIND_HOLLOW,

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ... import optics
+from glass_refraction import optics
 
 Floats = np.ndarray
 STEPS = 4

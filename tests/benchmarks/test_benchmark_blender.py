@@ -9,15 +9,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from glass_refraction.reference.benchmark import (  # noqa: E402
+from benchmarks import (  # noqa: E402
     left_out,
-    live,
     pictures,
     runner,
     scaling,
     tessellation,
 )
-from glass_refraction.reference.benchmark.settings import Settings  # noqa: E402
+from benchmarks.settings import Settings  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
 import scenes  # noqa: E402
@@ -59,30 +58,26 @@ def test_scaling_counts():
     assert scaling.describe(found)
 
 
-def test_live_updates_do_what_changed_and_no_more():
-    found = live.run(TINY)
-    (group,) = found["moving"]
-    assert group["still"]["operations"] == 0
-    for row in group["rows"]:
-        assert row["solves"] == row["frames"]
-        assert row["mask_pixels"] == 0
-        assert row["error_px"]["max"] <= live.ERROR_PX
-    assert found["memory"]["new_data_blocks"] == 0
-    assert found["masks"]["pixels"] > 0
-    assert live.describe(found)
-
-
 def test_pictures_come_from_a_scene_file(tmp_path):
     found = pictures.run(_settings(tmp_path))
     (scene,) = found["scenes"]
     assert scene["scene"] == "wall" and scene["inside_pixels"] > 0
-    assert [row["samples"] for row in scene["cycles"]] == [1, 2]
+    for cycles in scene["cycles"]:
+        assert [row["samples"] for row in cycles["rows"]] == [1, 2]
     names = [variant["name"] for variant in scene["composited"]]
-    assert names == ["true shading", "displaced shading"]
+    assert names == [
+        "True",
+        "True, OIDN",
+        "Displaced",
+        "True, 1 capture",
+        "True, 1 capture, OIDN",
+    ]
     for variant in scene["composited"]:
         for row in variant["rows"]:
-            assert row["paths"] == ["TTTT"] and row["vertices"] > 0
+            copies = variant["name"] == "Displaced"
+            assert (row["vertices"] > 0) == copies and (row["rays"] > 0) == (not copies)
             assert 0 < row["rmse_inside"] < 0.2
+            assert row["cpu_seconds"] > 0.0
     page = "\n".join(pictures.describe(found))
     assert f"{pictures.charts(found)[0].name}.png" in page
 
@@ -101,6 +96,13 @@ def test_what_is_left_out_is_counted(tmp_path):
     more = scene["fuller"][0]
     assert set(more["paths"]) >= set(scene["kept"]["paths"])
     assert more["copies"] >= scene["kept"]["copies"]
+    fullest, default, fewest, *captures = scene["rays"]
+    assert fullest["ways"] >= default["ways"] >= fewest["ways"] >= fewest["rays"] > 0
+    assert default["rays"] >= default["pixels"] > 0
+    assert [len(row["views"]) for row in captures] == sorted(
+        (len(row["views"]) for row in captures), reverse=True
+    )
+    assert captures[-1]["unseen"] >= default["unseen"] - 1e-9
     assert left_out.describe(found)
 
 
@@ -122,7 +124,9 @@ def test_a_scene_in_which_nothing_is_computed_is_no_figure(tmp_path):
     ],
 )
 def test_times_at_equal_error(error, taken, ratio, at_least, at_most):
-    curve = [{"rmse_inside": e, "seconds": s} for e, s in ((0.2, 1.0), (0.1, 4.0), (0.025, 64.0))]
+    curve = [
+        {"rmse_inside": e, "cpu_seconds": s} for e, s in ((0.2, 1.0), (0.1, 4.0), (0.025, 64.0))
+    ]
     found = pictures._against(curve, taken, error)
     assert found["ratio"] == pytest.approx(ratio) if ratio else found["ratio"] is None
     assert (found["at_least"], found["at_most"]) == (at_least, at_most)

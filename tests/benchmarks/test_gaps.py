@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.gaps import edge_gaps, triangle_gaps
 from glass_refraction import optics
 
 FOCAL = 2400.0
@@ -56,7 +57,7 @@ def test_the_gap_along_an_edge_stays_below_its_bound(glass, path, eye, centre):
     points = np.concatenate([begin, begin + rng.normal(size=(count, 3)) * length])
     edges = np.stack([np.arange(count), np.arange(count) + count], axis=1)
     apparent = optics.apparent_points(glass, path, eye, points)
-    bound = optics.edge_gaps(glass, path, eye, points, edges, apparent, focal_px=FOCAL)
+    bound = edge_gaps(glass, path, eye, points, edges, apparent, focal_px=FOCAL)
     assert bound.shape == (len(apparent.stretch), count)
     along = np.linspace(0.0, 1.0, 30)[1:-1]
     parts = np.stack([1.0 - along, along], axis=1)
@@ -80,7 +81,7 @@ def test_the_gap_within_a_triangle_stays_below_its_bound(glass, path, eye, centr
     points = np.concatenate([begin, *others])
     triangles = np.arange(3 * count).reshape(3, count).T
     apparent = optics.apparent_points(glass, path, eye, points)
-    bound = optics.triangle_gaps(glass, path, eye, points, triangles, apparent, focal_px=FOCAL)
+    bound = triangle_gaps(glass, path, eye, points, triangles, apparent, focal_px=FOCAL)
     parts = rng.dirichlet((1.0, 1.0, 1.0), 25)
     true = true_gaps(glass, path, eye, points[triangles], parts, apparent, triangles)
     whole = apparent.valid[:, triangles].all(axis=2) & np.isfinite(bound)
@@ -93,18 +94,16 @@ def test_edges_over_the_end_of_a_sheet():
     points = np.array([[-0.07, 0.0, 0.01], [-0.07, 0.02, 0.01], [-0.07, 0.03, 0.01]])
     apparent = optics.apparent_points(FILLED, "TTTT", eye, points)
     edges = np.array([[0, 1], [1, 2], [0, 2]])
-    bound = optics.edge_gaps(FILLED, "TTTT", eye, points, edges, apparent, focal_px=FOCAL)
+    bound = edge_gaps(FILLED, "TTTT", eye, points, edges, apparent, focal_px=FOCAL)
     ends = apparent.valid[:, edges]
     assert np.isinf(bound[ends[..., 0] != ends[..., 1]]).all()
     assert (bound[~ends.any(axis=2)] == 0.0).any()
-    split = optics.edges_to_split(bound, 0.25)
-    assert split.tolist() == (bound > 0.25).any(axis=0).tolist()
 
 
 def test_halving_an_edge_quarters_its_gap():
     points = np.array([[-0.25, 0.005, 0.0], [-0.25, 0.025, 0.0], [-0.25, 0.015, 0.0]])
     apparent = optics.apparent_points(HOLLOW, "TTTT", EYE, points)
-    whole, *halves = optics.edge_gaps(
+    whole, *halves = edge_gaps(
         HOLLOW, "TTTT", EYE, points, [[0, 1], [0, 2], [2, 1]], apparent, focal_px=FOCAL
     )[0]
     assert np.mean(halves) == pytest.approx(whole / 4.0, rel=0.3)
@@ -113,10 +112,8 @@ def test_halving_an_edge_quarters_its_gap():
 def test_bad_input():
     apparent = optics.apparent_points(HOLLOW, "TTTT", EYE, np.zeros((2, 3)))
     with pytest.raises(ValueError, match="focal_px"):
-        optics.edge_gaps(HOLLOW, "TTTT", EYE, np.zeros((2, 3)), [[0, 1]], apparent, focal_px=0)
-    with pytest.raises(ValueError, match="tolerance_px"):
-        optics.edges_to_split(np.zeros((1, 1)), 0.0)
-    none = optics.edge_gaps(
+        edge_gaps(HOLLOW, "TTTT", EYE, np.zeros((2, 3)), [[0, 1]], apparent, focal_px=0)
+    none = edge_gaps(
         HOLLOW, "TTTT", EYE, np.zeros((2, 3)), np.zeros((0, 2)), apparent, focal_px=FOCAL
     )
     assert none.shape == (len(apparent.stretch), 0)

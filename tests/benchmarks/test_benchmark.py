@@ -7,21 +7,22 @@ import sys
 import numpy as np
 import pytest
 
-from glass_refraction import optics
-from glass_refraction.cli import main
-from glass_refraction.reference.benchmark import (
+from benchmarks import (
     forward,
     measure,
     newton,
     paper,
     plots,
+    rays,
     runner,
     solver,
     stability,
     text,
 )
-from glass_refraction.reference.benchmark.cases import BEHIND_HOLLOW, BEHIND_SLAB, HOLLOW, SLAB
-from glass_refraction.reference.benchmark.settings import Settings
+from benchmarks.cases import BEHIND_HOLLOW, BEHIND_SLAB, HOLLOW, SLAB
+from benchmarks.command import main
+from benchmarks.settings import Settings
+from glass_refraction import optics
 
 TINY = Settings("tiny", seed=3)
 
@@ -211,6 +212,22 @@ def test_the_hard_cases_hold(report):
     assert found["random"]["held"] == found["random"]["images"] > 0
 
 
+def test_exit_rays_keep_all_light_and_ask_the_caster_once_a_step():
+    found = rays.run(TINY)
+    assert [row["name"] for row in found["shapes"]] == list(rays.SHAPES)
+    for row in found["shapes"]:
+        assert row["imbalance"] < 1e-12 and 0.0 <= row["lost"] < 0.1
+        assert 0 < row["met"] <= row["rays"] <= row["ways"]
+        assert row["casts"] <= row["steps"]
+        assert row["rays"] <= row["rays_cast"] <= row["steps"] * row["ways"]
+    for row in found["hard"]:
+        assert row["imbalance"] < 1e-12 and row["nonfinite"] == 0, row["name"]
+        if row["compared"] is not None:
+            assert row["compared"] > 0.98 and row["turned"] < 1e-8 and row["moved"] < 1e-8
+    assert sum(row["compared"] is not None for row in found["hard"]) == 5
+    assert rays.describe(found)
+
+
 def test_the_same_seed_gives_the_same_figures():
     first, second = (stability._random_cases(TINY) for _ in range(2))
     assert first == second
@@ -278,10 +295,10 @@ def test_figures_stand_on_the_right():
 
 
 def _one_line(capfd, *arguments):
-    assert main(["benchmark", *arguments]) == 2
-    lines = [x for x in capfd.readouterr().err.splitlines() if x.startswith("refractive_glass:")]
-    assert len(lines) == 1
-    return lines[0]
+    assert main(list(arguments)) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("benchmark:")
+    return line
 
 
 def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, capfd):
@@ -292,9 +309,16 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, capfd
 
 
 def test_bad_arguments(tmp_path, capfd):
-    out = str(tmp_path / "out")
+    out, a_file = str(tmp_path / "out"), tmp_path / "file"
+    a_file.write_text("mine")
+    assert "-o" in _one_line(capfd)
     assert "no part 'speed'" in _one_line(capfd, "-o", out, "--only", "speed")
     assert "--seed" in _one_line(capfd, "-o", out, "--seed", "-1")
     assert "no such .blend file" in _one_line(
         capfd, "-o", out, "--scenes", str(tmp_path / "no.blend")
     )
+    assert "no such .blend file" in _one_line(capfd, "-o", out, "--scenes", str(a_file))
+    for place in ("", str(a_file), str(a_file / "x")):
+        line = _one_line(capfd, "-o", place, "--only", "stability", "--quick", "--no-plots")
+        assert "give" in line and "Errno" not in line
+    assert a_file.read_text() == "mine"

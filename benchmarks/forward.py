@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ... import optics
-from ...optics import tracing
-from ...optics.axial import AxialGlass
-from ...optics.glasses import Glass
-from ...optics.paths import as_path
+from glass_refraction import optics
+from glass_refraction.optics import tracing
+from glass_refraction.optics.axial import AxialGlass
+from glass_refraction.optics.glasses import Glass
+from glass_refraction.optics.paths import as_path
 
 FOCAL_PX = 2400.0
 """Pixels a radian at the picture's centre: 1600 pixels across 37 degrees."""

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Following changes: a live update ends where an exact one does, and looks at no more than it must.
+"""Following changes: what stands after an update is what the same moment gives anew.
 
-Whatever a user changes, what stands after a live update is compared with what the same moment gives
-when nothing is known of the past.
+Whatever a user changes, an update that knows the past is compared with one that knows nothing.
 """
 
 import tracemalloc
@@ -36,7 +35,7 @@ def _scene(shape="CYLINDER", **values):
 
 
 def _follow(scene):
-    """What a change leads to: structure where that changed, then a live update."""
+    """What a change leads to: structure where that changed, then an update."""
     bpy.context.view_layer.update()
     door.prepare(scene, scenes.depsgraph())
     return door.update(scene, scenes.depsgraph())
@@ -56,21 +55,14 @@ def _shown(scene):
 
 
 def _assert_as_if_nothing_were_known(scene):
-    live = _shown(scene)
+    followed = _shown(scene)
     door.forget()
     door.prepare(scene, scenes.depsgraph())
-    door.update(scene, scenes.depsgraph(), exact=True)
-    exact = _shown(scene)
-    assert live.keys() == exact.keys()
-    for key, pixels in exact.items():
-        if live[key].shape == pixels.shape:
-            assert np.abs(live[key] - pixels).max() < TOLERANCE_PX
-        else:
-            # Other triangles, the same image: it covers the same part of the picture.
-            inside = [p[((p > 0) & (p < (200, 150))).all(axis=1)] for p in (live[key], pixels)]
-            for end in ("min", "max"):
-                first, second = (getattr(p, end)(axis=0) for p in inside)
-                assert np.abs(first - second).max() < 12.0
+    door.update(scene, scenes.depsgraph())
+    anew = _shown(scene)
+    assert followed.keys() == anew.keys()
+    for key, pixels in anew.items():
+        np.testing.assert_array_equal(followed[key], pixels)
 
 
 def _moved(scene, ball, glass):
@@ -210,17 +202,6 @@ def test_every_change_is_followed(change):
     _assert_as_if_nothing_were_known(scene)
 
 
-@pytest.mark.parametrize("shape", ["CYLINDER", "ROD", "SPHERE"])
-def test_a_path_of_small_steps_does_not_drift(shape):
-    scene, ball, _ = _scene(shape)
-    _follow(scene)
-    for step in range(8):
-        ball.location.x += 0.002
-        ball.location.z += 0.003 * (-1) ** step
-        _follow(scene)
-    _assert_as_if_nothing_were_known(scene)
-
-
 def test_what_comes_into_sight_is_shown():
     scene, ball, _ = _scene()
     ball.location.x = 3.0
@@ -258,11 +239,11 @@ def test_memory_stays_flat_over_a_long_playback():
     scene, ball, _ = _scene()
     ball.keyframe_insert("location", frame=1)
     ball.location.x += 0.02
-    ball.keyframe_insert("location", frame=50)
+    ball.keyframe_insert("location", frame=20)
     _follow(scene)
 
     def play():
-        for frame in range(1, 51):
+        for frame in range(1, 21):
             scene.frame_set(frame)
             door.update(scene, scenes.depsgraph())
 
@@ -273,42 +254,14 @@ def test_memory_stays_flat_over_a_long_playback():
         first = tracemalloc.get_traced_memory()[0]
         for _ in range(3):
             play()
-        # An array of the ball's vertices kept from every frame would be 4 MB; Python's and NumPy's
-        # own lists of free blocks take some hundred bytes a frame.
+        # An array of the ball's vertices kept from every frame would be 1.6 MB; Python's and
+        # NumPy's own lists of free blocks take some hundred bytes a frame.
         assert tracemalloc.get_traced_memory()[0] < first + 400_000
     finally:
         tracemalloc.stop()
 
 
-def test_a_live_move_asks_for_few_points():
-    """Of a fine mesh a live update solves the vertices, and middles of a few edges only."""
-    from glass_refraction import optics
-    from glass_refraction.scene.vertices import appearance
-
-    scene, ball, _ = _scene()
-    _follow(scene)
-    asked = []
-    real = optics.apparent_points
-
-    class Counted:
-        def __getattr__(self, name):
-            if name != "apparent_points":
-                return getattr(optics, name)
-            return lambda glass, path, eye, points, **more: (
-                asked.append(len(points)) or real(glass, path, eye, points, **more)
-            )
-
-    try:
-        appearance.optics = Counted()
-        ball.location.x += 0.001
-        _follow(scene)
-    finally:
-        appearance.optics = optics
-    assert sum(asked) <= len(ball.data.vertices) + appearance.WATCHED
-
-
-def test_the_picture_of_a_live_scene_is_that_of_an_exact_one(tmp_path):
-    """A render finds all anew, whatever the viewport had found."""
+def test_the_picture_after_updates_is_that_of_a_scene_that_was_never_updated(tmp_path):
     scene, ball, _ = _scene()
     scene.render.engine = "BLENDER_WORKBENCH"
     _follow(scene)
@@ -319,26 +272,3 @@ def test_the_picture_of_a_live_scene_is_that_of_an_exact_one(tmp_path):
     door.forget()
     alone = scenes.picture(scene, tmp_path, "alone")
     np.testing.assert_array_equal(after, alone)
-
-
-def test_a_copy_that_is_not_looked_up_places_no_vertex_in_the_world():
-    # Only the watched edges' ends are: a third of a live update would go there.
-    scenes.camera()
-    bpy.ops.mesh.primitive_grid_add(
-        x_subdivisions=60, y_subdivisions=60, size=0.03, location=(0.0, 0.1, 0.06)
-    )
-    wall = bpy.context.object
-    scene = scenes.settings(surface="REFRACTION", shading="DISPLACED", tolerance_px=8.0)
-    scenes.glass(shape="CYLINDER")
-    bpy.ops.scene.refractive_glass_update()
-    for _ in range(3):
-        wall.location.x += 0.001
-        bpy.context.view_layer.update()
-        door.update(scene, scenes.depsgraph(), exact=False)
-    shapes = [shape for _, _, shape in door.memory_of(scene).copies.values()]
-    whole = [shape for shape in shapes if shape.images is not None and not shape.refined]
-    assert whole
-    for shape in whole:
-        assert "points" not in vars(shape.triangles)
-        placed = wall.matrix_world.to_translation().x + positions(wall.data)[:, 0]
-        np.testing.assert_allclose(shape.triangles.points[:, 0], placed, atol=1e-6)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...optics.glasses import Glass as Description
-from ...scene.read.glasses import Glass
-from ...scene.read.viewpoint import Viewpoint
+from glass_refraction.optics.glasses import Glass as Description
+from glass_refraction.scene.read.glasses import Glass
+from glass_refraction.scene.read.viewpoint import Viewpoint
 
 
 def viewpoint(eye, target, focal_px: float, size: tuple[int, int]) -> Viewpoint:
