@@ -72,7 +72,8 @@ def steps():
     yield 3
     glass = bpy.context.object.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     result["evaluated_edges"] = len(glass.edges)
-    result["overlay"] = bpy.context.window_manager.refractive_glass_overlay
+    with bpy.context.temp_override(**view_3d()):
+        result["overlay"] = bpy.context.window_manager.refractive_glass_overlay
     result["problems_after_adding"] = problems(scene)
     screenshot("window_glass_added")
 
