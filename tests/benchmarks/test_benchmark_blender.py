@@ -90,9 +90,8 @@ def test_what_is_left_out_is_counted(tmp_path):
     assert set(glass["kept_paths"]) < set(glass["listed_paths"])
     assert 0.9 < glass["light_kept"] <= glass["light_listed"] <= 1.0 + 1e-6
     assert glass["hit_pixels"] <= glass["rect_pixels"] <= scene["picture_pixels"]
-    # Paths have a pool of copies; those that a frame needs not are empty.
-    filled = scene["kept"]["copies"] - scene["kept"]["empty_copies"]
-    assert 0 < filled <= len(glass["kept_paths"])
+    copies = scene["kept"]["copies"], scene["kept"]["empty_copies"]
+    assert copies[0] > 0 and sum(copies) <= len(glass["kept_paths"])
     more = scene["fuller"][0]
     assert set(more["paths"]) >= set(scene["kept"]["paths"])
     assert more["copies"] >= scene["kept"]["copies"]

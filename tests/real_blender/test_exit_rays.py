@@ -19,6 +19,11 @@ SHAPES = (
 )
 
 
+OFF_SHORT = {"lens": 5e-3}
+"""Part of the ways of fewer than eight events that may be off; at a lens's sharp rim the profile's
+chords miss some."""
+
+
 @pytest.fixture(scope="module")
 def found(installed):
     installed.script("no_splash")
@@ -32,7 +37,7 @@ def test_exit_rays_are_those_of_optics(found, shape):
     assert result["ways"] > 100_000
     assert result["median"] < 1e-6
     # But for ways that end where another begins, and those that go on until rounding shows.
-    assert result["off_short"] < 2e-3
+    assert result["off_short"] < OFF_SHORT.get(shape, 2e-3)
     assert result["light_off"] < 1e-2
     assert result["weight_off"] < 1e-3
     assert result["shift_off"] < 1e-3

@@ -103,7 +103,7 @@ def test_translated_messages_are_in_use():
     package = Path(glass_refraction.__file__).parent
     source = "".join(p.read_text(encoding="utf-8") for p in (package / "ui").glob("*.py"))
     here = (package / "ui" / "translations.py").read_text(encoding="utf-8")
-    sockets = {"Seen Through"}  # of the node group
+    sockets = {"Seen Through", "Priority"}  # of the node group
     for messages in translations.MESSAGES.values():
         for _, english in messages:
             written = english.replace('"', '\\"')

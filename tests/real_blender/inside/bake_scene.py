@@ -55,6 +55,8 @@ def build():
     image.file_format, image.color_depth, image.color_mode = "OPEN_EXR", "32", "RGBA"
     scene.frame_start, scene.frame_end = FRAMES
     scene.refractive_glass.surface = "REFRACTION"
+    # True shading is not baked.
+    scene.refractive_glass.shading = "DISPLACED"
     return scene
 
 

@@ -88,6 +88,8 @@ def steps():
     image.media_type = "IMAGE"
     image.file_format, image.color_depth = "OPEN_EXR", "32"
     scene.refractive_glass.surface = "REFRACTION"
+    # True shading is not baked.
+    scene.refractive_glass.shading = "DISPLACED"
     scene.frame_start, scene.frame_end = 1, 40
     cube = bpy.data.objects["Cube"]
     for frame, x in ((1, 0.0), (40, 1.0)):

@@ -70,9 +70,10 @@ def steps():
     result["added"] = list(added)
     result["active"] = bpy.context.view_layer.objects.active.name
     yield 3
-    result["evaluated_polygons"] = len(
-        bpy.context.object.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.polygons
-    )
+    glass = bpy.context.object.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    result["evaluated_edges"] = len(glass.edges)
+    with bpy.context.temp_override(**view_3d()):
+        result["overlay"] = bpy.context.window_manager.refractive_glass_overlay
     result["problems_after_adding"] = problems(scene)
     screenshot("window_glass_added")
 
