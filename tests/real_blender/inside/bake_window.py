@@ -31,7 +31,7 @@ def view_3d():
 
 
 def baked(scene):
-    found = sys.modules[f"{MODULE}.scene.bake_playback"].baked(scene)
+    found = sys.modules[f"{MODULE}.scene.bake.playback"].baked(scene)
     return None if found is None else found.frames
 
 
@@ -126,7 +126,7 @@ def steps():
     result["invoked_again"] = invoke()
     yield from wait_until(lambda: scene.frame_current in range(4, 40), 60)
     screenshot("bake_under_way")
-    under_way = sys.modules[f"{MODULE}.scene.bake_playback"].under_way
+    under_way = sys.modules[f"{MODULE}.scene.bake.playback"].under_way
     result["under_way"] = len(under_way)
     result["frame_under_way"] = scene.frame_current
     # The pointer must be over the window for it to get the key.
