@@ -16,7 +16,7 @@ UNSEEN, KNOWN = -1, -2
 """In place of a view's number: no view shows the hit; its radiance is known without one."""
 SKIN = 1e-4
 """Of a sight's length: a surface nearer than this before a hit is the hit's own."""
-CAPTURE_WORTH = 0.8
+CAPTURE_WORTH = 0.4
 """A capture's resolution counts this much of the direct picture's: it has fewer samples."""
 ENOUGH_SEEN = 0.002
 """Part of all light: while less than this is unseen no further capture is placed."""
@@ -253,7 +253,7 @@ def place_captures(
     ways, spacing = ways.take(rows), spacing[rows]
     known = scene.is_known(ways)
     total = ways.weight.sum()
-    shown = _quality(scene, direct, ways, spacing, True)
+    shown = _quality(scene, direct, ways, spacing)
     shown[known] = 1.0
     captures: list[RadianceView] = []
     while len(captures) < most and len(ways):
@@ -274,11 +274,9 @@ def place_captures(
     return captures
 
 
-def _quality(
-    scene: Scene, view: RadianceView, ways: Ways, spacing: np.ndarray, direct: bool
-) -> np.ndarray:
+def _quality(scene: Scene, view: RadianceView, ways: Ways, spacing: np.ndarray) -> np.ndarray:
     """(K,) how well a view shows hits: 0 not at all, `SEEN` at least, 1 pixel for pixel."""
-    worth, _ = scene.worth(view, ways, direct)
+    worth, _ = scene.worth(view, ways, True)
     here = np.flatnonzero(worth > 0.0)
     here = here[scene.sees(view, ways.take(here))]
     quality = np.zeros(len(ways))
@@ -306,7 +304,7 @@ def _best_capture(
             view = _capture_from(eye, opened, direct, aspect, near)
             if view is None:
                 continue
-            quality = _quality(scene, view, ways, spacing, False)
+            quality = _quality(scene, view, ways, spacing)
             # What lacks counts by its share: ways.weight holds what each lacks already.
             gain = (ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum()
             if gain > 0.0 and (best is None or gain > best[0]):
