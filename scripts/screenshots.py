@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The guide's screenshots: a slab before the default cube, step by step, in a Blender with a window.
+"""The guide's screenshots: a slab before the default cube, in a Blender with a window.
 
     blender --factory-startup --python scripts/screenshots.py -- FOLDER
 
