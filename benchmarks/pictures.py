@@ -17,10 +17,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from glass_refraction.reference.cycles import render_reference, samples_setting, scene_depsgraph
+from glass_refraction.reference.cycles import render_reference, scene_depsgraph
 from glass_refraction.reference.metrics import flip, masked_mean, to_srgb
 from glass_refraction.reference.picture import render_picture
 from glass_refraction.scene import update as door
+from glass_refraction.scene.read.viewpoint import samples_setting
 from glass_refraction.scene.vertices.regions import region_masks
 
 from .measure import cpu_seconds

@@ -16,11 +16,11 @@ from ..scene.build.own_scenes import find_own_scenes
 from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import read_glasses
 from ..scene.read.mesh_glasses import MeshGlass
-from ..scene.read.viewpoint import border_window, read_viewpoint
+from ..scene.read.viewpoint import border_window, read_viewpoint, samples_setting
 from ..scene.update import Status, effective_shading, kept_paths, memory_of, status
 from ..scene.vertices.path_keys import path_key, path_of
 from ..scene.vertices.regions import left_out_pixels, region_masks
-from .cycles import render_direct, render_reference, samples_setting, scene_depsgraph
+from .cycles import render_direct, render_reference, scene_depsgraph
 from .metrics import to_srgb
 from .picture import render_picture
 from .report import MAGNIFICATION, picture_figures, write_report

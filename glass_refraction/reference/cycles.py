@@ -16,6 +16,7 @@ from ..scene.names import TAG, RefractiveGlassError, own
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
 from ..scene.read.mesh_glasses import CLEAR, MeshGlass
 from ..scene.read.modifier_inputs import read_input, write_input
+from ..scene.read.viewpoint import samples_setting
 from .glass_mesh import Surface, glass_surfaces
 from .picture import render_picture
 
@@ -193,13 +194,6 @@ def main_view_layer(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
         f'Scene "{scene.name}" renders none of its view layers: switch one on '
         "(View Layer properties > Use for Rendering)"
     )
-
-
-def samples_setting(scene: bpy.types.Scene) -> tuple[bpy.types.bpy_struct, str]:
-    """Settings of the scene's engine that hold its samples per pixel, and the property's name."""
-    if scene.render.engine == "CYCLES":
-        return scene.cycles, "samples"
-    return scene.eevee, "taa_render_samples"
 
 
 @contextmanager

@@ -5,6 +5,12 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import data_path, value_place
+
+FRAMES = (1, 2, 3)
+"""Of the keyframes."""
+
 
 def emissive(name, rgb):
     """A material that emits one colour."""
@@ -123,3 +129,36 @@ def load(path):
     loaded.pixels.foreach_get(pixels)
     bpy.data.images.remove(loaded)
     return pixels.reshape(height, width, 4)
+
+
+def key(owner, path, values):
+    """Keyframes of a property, held from one to the next."""
+    target, name = owner, path
+    if "." in path:
+        before, name = path.rsplit(".", 1)
+        target = owner.path_resolve(before)
+    for frame, value in zip(FRAMES, values, strict=True):
+        setattr(target, name, value)
+        owner.keyframe_insert(path, frame=frame)
+    _hold(owner)
+
+
+def key_input(obj, name, values):
+    """The same of an input of the glass."""
+    modifier = glass_modifier(obj)
+    holder, prop = value_place(modifier, name)
+    for frame, value in zip(FRAMES, values, strict=True):
+        if prop.startswith("["):
+            holder[prop[2:-2]] = value
+        else:
+            setattr(holder, prop, value)
+        obj.keyframe_insert(data_path(modifier, name), frame=frame)
+    _hold(obj)
+
+
+def _hold(owner):
+    for layer in owner.animation_data.action.layers:
+        for bag in layer.strips[0].channelbags:
+            for curve in bag.fcurves:
+                for point in curve.keyframe_points:
+                    point.interpolation = "CONSTANT"

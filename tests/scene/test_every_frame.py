@@ -8,10 +8,8 @@ import scenes
 
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.layers import find_layers
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import data_path, value_place
 
-FRAMES = (1, 2, 3)
+FRAMES = scenes.FRAMES
 
 
 def _scene(surface="GLASS"):
@@ -27,76 +25,43 @@ def _scene(surface="GLASS"):
     return scene, glass
 
 
-def _key(owner, path, values):
-    """Keyframes of a property, held from one to the next."""
-    target, name = owner, path
-    if "." in path:
-        before, name = path.rsplit(".", 1)
-        target = owner.path_resolve(before)
-    for frame, value in zip(FRAMES, values, strict=True):
-        setattr(target, name, value)
-        owner.keyframe_insert(path, frame=frame)
-    _hold(owner)
-
-
-def _key_input(obj, name, values):
-    """The same of an input of the glass."""
-    modifier = glass_modifier(obj)
-    holder, prop = value_place(modifier, name)
-    for frame, value in zip(FRAMES, values, strict=True):
-        if prop.startswith("["):
-            holder[prop[2:-2]] = value
-        else:
-            setattr(holder, prop, value)
-        obj.keyframe_insert(data_path(modifier, name), frame=frame)
-    _hold(obj)
-
-
-def _hold(owner):
-    for layer in owner.animation_data.action.layers:
-        for bag in layer.strips[0].channelbags:
-            for curve in bag.fcurves:
-                for point in curve.keyframe_points:
-                    point.interpolation = "CONSTANT"
-
-
 def _eye_enters(scene, glass):
     # Through the wall, in whose glass nothing can be computed, into the cavity.
-    _key(scene.camera, "location", [(0, -0.2, 0.06), (0, -0.039, 0.06), (0, -0.02, 0.06)])
+    scenes.key(scene.camera, "location", [(0, -0.2, 0.06), (0, -0.039, 0.06), (0, -0.02, 0.06)])
 
 
 def _ior_crosses_one(scene, glass):
-    _key_input(glass, "IOR", [1.5, 1.0, 0.8])
+    scenes.key_input(glass, "IOR", [1.5, 1.0, 0.8])
 
 
 def _thing_appears(scene, glass):
     bpy.ops.mesh.primitive_cube_add(size=0.03, location=(0.01, 0.1, 0.06))
-    _key(bpy.context.object, "hide_render", [True, False, True])
+    scenes.key(bpy.context.object, "hide_render", [True, False, True])
 
 
 def _thing_passes_before(scene, glass):
     bpy.ops.mesh.primitive_cube_add(size=0.03)
     places = [(0.0, 0.1, 0.06), (0.01, -0.1, 0.06), (0.5, 0.1, 0.06)]
-    _key(bpy.context.object, "location", places)
+    scenes.key(bpy.context.object, "location", places)
 
 
 def _glass_appears(scene, glass):
-    _key(glass, "hide_render", [True, False, True])
+    scenes.key(glass, "hide_render", [True, False, True])
     other = scenes.glass(shape="ROD", radius=0.01)
     other.location.x = 0.05
 
 
 def _glasses_pass_one_another(scene, glass):
     other = scenes.glass(shape="ROD", radius=0.012)
-    _key(other, "location", [(0.02, -0.1, 0.0), (0.02, 0.1, 0.0), (0.5, 0.0, 0.0)])
+    scenes.key(other, "location", [(0.02, -0.1, 0.0), (0.02, 0.1, 0.0), (0.5, 0.0, 0.0)])
 
 
 def _glass_starts_to_disperse(scene, glass):
-    _key_input(glass, "Abbe Number", [0.0, 20.0, 0.0])
+    scenes.key_input(glass, "Abbe Number", [0.0, 20.0, 0.0])
 
 
 def _lens_becomes_parallel(scene, glass):
-    _key(scene.camera.data, "type", ["PERSP", "ORTHO", "PERSP"])
+    scenes.key(scene.camera.data, "type", ["PERSP", "ORTHO", "PERSP"])
     scene.camera.data.ortho_scale = 0.2
 
 

@@ -25,7 +25,7 @@ from ..names import TAG, hidden_name, own
 from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
 from ..read.modifier_inputs import read_input
-from ..read.viewpoint import Viewpoint, border_window, render_size
+from ..read.viewpoint import Viewpoint, border_window, render_size, samples_setting
 from ..read.visibility import rendered_layer
 from .caster import Casters, fill_cast_collection
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
@@ -224,7 +224,7 @@ def _read(
     width, height = render_size(scene)
     render = scene.render
     region = border_window(scene) if render.use_border else (0, 0, width, height)
-    samples, name = _samples(scene)
+    samples, name = samples_setting(scene)
     return FrameInput(
         glasses=glasses,
         things=read_things(depsgraph, left_out),
@@ -273,13 +273,6 @@ def _filter_size(scene: bpy.types.Scene) -> float:
     return float(scene.render.filter_size)
 
 
-def _samples(scene: bpy.types.Scene):
-    """Settings of the scene's engine that hold its samples a pixel, and the property's name."""
-    if scene.render.engine == "CYCLES":
-        return scene.cycles, "samples"
-    return scene.eevee, "taa_render_samples"
-
-
 def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameResult) -> None:
     pictures = Pictures(scene)
     for number, (packed, alpha) in enumerate(zip(result.views, result.alphas, strict=True)):
@@ -294,7 +287,7 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
         write_setting(view.view_layers[0], "use", camera is not None)
         if camera is not None:
             _aim_camera(view.camera, camera, far)
-            write_setting(*_samples(view), samples)
+            write_setting(*samples_setting(view), samples)
             _hang(view, curtain)
 
 

@@ -188,14 +188,6 @@ def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
     return None
 
 
-def casts_shadow(obj: bpy.types.Object) -> bool:
-    """Whether the object is a glass that light on its way to other things notices."""
-    modifier = glass_modifier(obj)
-    if modifier is None or not has_input(modifier, "Casts Shadow"):
-        return False
-    return bool(read_input(modifier, "Casts Shadow"))
-
-
 def glass_objects(view_layer: bpy.types.ViewLayer, *, ever: bool = False) -> list[bpy.types.Object]:
     """The objects of the view layer that are a glass and take part in renders.
 

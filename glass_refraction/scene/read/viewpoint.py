@@ -216,3 +216,10 @@ def render_size(scene: bpy.types.Scene) -> tuple[int, int]:
     render = scene.render
     factor = render.resolution_percentage / 100.0
     return int(render.resolution_x * factor), int(render.resolution_y * factor)
+
+
+def samples_setting(scene: bpy.types.Scene) -> tuple[bpy.types.bpy_struct, str]:
+    """Settings of the scene's engine that hold its samples per pixel, and the property's name."""
+    if scene.render.engine == "CYCLES":
+        return scene.cycles, "samples"
+    return scene.eevee, "taa_render_samples"

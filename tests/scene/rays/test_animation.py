@@ -7,10 +7,8 @@ import pytest
 import scenes
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import data_path, value_place
 
-FRAMES = (1, 2, 3)
+FRAMES = scenes.FRAMES
 
 
 def _scene():
@@ -26,35 +24,6 @@ def _scene():
     return scene, glass
 
 
-def _hold(owner):
-    for layer in owner.animation_data.action.layers:
-        for bag in layer.strips[0].channelbags:
-            for curve in bag.fcurves:
-                for point in curve.keyframe_points:
-                    point.interpolation = "CONSTANT"
-
-
-def _key(owner, path, values):
-    """Keyframes of a property, held from one to the next."""
-    for frame, value in zip(FRAMES, values, strict=True):
-        setattr(owner, path, value)
-        owner.keyframe_insert(path, frame=frame)
-    _hold(owner)
-
-
-def _key_input(obj, name, values):
-    """The same of an input of the glass."""
-    modifier = glass_modifier(obj)
-    holder, prop = value_place(modifier, name)
-    for frame, value in zip(FRAMES, values, strict=True):
-        if prop.startswith("["):
-            holder[prop[2:-2]] = value
-        else:
-            setattr(holder, prop, value)
-        obj.keyframe_insert(data_path(modifier, name), frame=frame)
-    _hold(obj)
-
-
 def _cube(location, size=0.03):
     bpy.ops.mesh.primitive_cube_add(size=size, location=location)
     return bpy.context.object
@@ -62,57 +31,57 @@ def _cube(location, size=0.03):
 
 def _eye_enters(scene, glass):
     # Through the wall into the cavity.
-    _key(scene.camera, "location", [(0, -0.2, 0.06), (0, -0.039, 0.06), (0, -0.02, 0.06)])
+    scenes.key(scene.camera, "location", [(0, -0.2, 0.06), (0, -0.039, 0.06), (0, -0.02, 0.06)])
 
 
 def _ior_crosses_one(scene, glass):
-    _key_input(glass, "IOR", [1.5, 1.0, 0.8])
+    scenes.key_input(glass, "IOR", [1.5, 1.0, 0.8])
 
 
 def _thing_appears(scene, glass):
-    _key(_cube((0.01, 0.1, 0.06)), "hide_render", [True, False, True])
+    scenes.key(_cube((0.01, 0.1, 0.06)), "hide_render", [True, False, True])
 
 
 def _thing_passes_before(scene, glass):
     places = [(0.0, 0.1, 0.06), (0.01, -0.1, 0.06), (0.5, 0.1, 0.06)]
-    _key(_cube((0, 0, 0)), "location", places)
+    scenes.key(_cube((0, 0, 0)), "location", places)
 
 
 def _thing_enters_the_cavity(scene, glass):
     places = [(0.0, 0.1, 0.06), (0.01, 0.0, 0.06), (0.0, 0.1, 0.06)]
-    _key(_cube((0, 0, 0)), "location", places)
+    scenes.key(_cube((0, 0, 0)), "location", places)
 
 
 def _glass_appears(scene, glass):
-    _key(glass, "hide_render", [True, False, True])
+    scenes.key(glass, "hide_render", [True, False, True])
     other = scenes.glass(shape="ROD", radius=0.01)
     other.location.x = 0.05
 
 
 def _glasses_pass_one_another(scene, glass):
     other = scenes.glass(shape="ROD", radius=0.012)
-    _key(other, "location", [(0.02, -0.1, 0.0), (0.02, 0.1, 0.0), (0.5, 0.0, 0.0)])
+    scenes.key(other, "location", [(0.02, -0.1, 0.0), (0.02, 0.1, 0.0), (0.5, 0.0, 0.0)])
 
 
 def _glass_starts_to_disperse(scene, glass):
-    _key_input(glass, "Abbe Number", [0.0, 20.0, 0.0])
+    scenes.key_input(glass, "Abbe Number", [0.0, 20.0, 0.0])
 
 
 def _lens_becomes_parallel(scene, glass):
     scene.camera.data.ortho_scale = 0.2
-    _key(scene.camera.data, "type", ["PERSP", "ORTHO", "PERSP"])
+    scenes.key(scene.camera.data, "type", ["PERSP", "ORTHO", "PERSP"])
 
 
 def _captures_come_and_go(scene, glass):
     # What the mirror image shows stands behind the camera.
-    _key(_cube((0, 0, 0), 0.3), "location", [(0, -1, 0), (0.2, -0.8, 0.1), (0, 9, 0)])
+    scenes.key(_cube((0, 0, 0), 0.3), "location", [(0, -1, 0), (0.2, -0.8, 0.1), (0, 9, 0)])
 
 
 def _world_changes(scene, glass):
     scene.world = bpy.data.worlds.new("World")
     scene.display.shading.background_type = "WORLD"
     bpy.data.objects.remove(bpy.data.objects["Wall"])
-    _key(scene.world, "color", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
+    scenes.key(scene.world, "color", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
 
 
 HAPPENS = (
@@ -177,7 +146,7 @@ def test_a_world_of_one_colour_that_changes_is_that_of_the_frame(tmp_path):
 
 def test_the_target_of_rays_is_made_once_for_things_that_stay(tmp_path):
     scene, _ = _scene()
-    _key(scene.camera, "location", [(0, -0.4, 0.06), (0.01, -0.4, 0.06), (0.02, -0.4, 0.06)])
+    scenes.key(scene.camera, "location", [(0, -0.4, 0.06), (0.01, -0.4, 0.06), (0.02, -0.4, 0.06)])
     scene.frame_set(1)
     targets = door.counters["targets"]
     _animation(scene, tmp_path)
