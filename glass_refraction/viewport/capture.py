@@ -20,6 +20,7 @@ from mathutils import Matrix
 
 from .description import Frame, Posed
 from .eye import CAPTURES
+from .jobs import is_compiling
 from .paint import _quad, _shader
 
 FACES = 6
@@ -130,7 +131,6 @@ class Captures:
         if all((number, other) in self._stale for other in range(FACES)):
             glass = glasses[number]
             self.centres[number] = centre_of(glass, self._boxes, self.centres[number])
-        self._stale.discard((number, face))
         side, centre = self.side, self.centres[number]
         if self._face is None:
             self._face = gpu.types.GPUOffScreen(side, side, format="RGBA16F")
@@ -165,11 +165,18 @@ class Captures:
             if overlays:
                 space.overlay.show_overlays = True
             _drawing = False
+        self.seconds = time.perf_counter() - began
+        if is_compiling():
+            # To be drawn again. And by an engine of its own: Blender 5.2 crashes where one goes on
+            # that has drawn stand-ins.
+            self._face = None
+            return
         depth = gpu.types.Buffer("FLOAT", (side, side))
         with self._face.bind():
             gpu.state.active_framebuffer_get().read_depth(0, 0, side, side, data=depth)
         self._keep(number, face, depth, near / frame.unit, far / frame.unit)
         self.seconds = time.perf_counter() - began
+        self._stale.discard((number, face))
         self._drawn.add((number, face))
         self.version += 1
 

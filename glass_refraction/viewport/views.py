@@ -23,6 +23,7 @@ from ..scene.names import own
 from ..scene.read.glasses import glass_modifier, glass_objects
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
+from .jobs import is_compiling, is_rendering
 from .model import Model
 
 MOVING, FIRST, MORE = range(3)
@@ -430,8 +431,8 @@ def _unmarked(layer: bpy.types.ViewLayer, wanted: bool) -> list[str]:
 
 
 def _mark_shown() -> float | None:
-    """Timer; data stay as they are while a render runs."""
-    if bpy.app.is_job_running("RENDER"):
+    """Timer; nothing is written while a render runs."""
+    if is_rendering():
         return PLAYING_SECONDS
     mark_glasses()
     return None
@@ -458,7 +459,7 @@ def _ask_for_rest() -> None:
 
 def _rest() -> float | None:
     """Timer: the next piece of work for a view that is at rest; then Blender sees to the user."""
-    if bpy.app.is_job_running("RENDER") or bpy.app.is_job_running("OBJECT_BAKE"):
+    if is_rendering():
         return PLAYING_SECONDS
     wait = None
     for window, space, region in _open_regions():
@@ -482,7 +483,7 @@ def _rest() -> float | None:
             traceback.print_exc()
             region.tag_redraw()
         if not (view.final or view.failure):
-            wait = REDRAW_SECONDS if view.waits else 0.0
+            wait = REDRAW_SECONDS if view.waits or is_compiling() else 0.0
     return wait
 
 
@@ -500,7 +501,7 @@ def _work(view: _View, window, space, region) -> None:
         view_3d = scene, window.view_layer, space, region
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
         until = time.perf_counter() + HOLD_SECONDS
-        while captures.left:
+        while captures.left and not is_compiling():
             captures.draw(view.model.frame, view.model.glasses, view_3d, turned)
             counters["faces"] += 1
             if time.perf_counter() + captures.seconds > until:
