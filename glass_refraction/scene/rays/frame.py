@@ -61,6 +61,7 @@ class FrameInput:
     captures : captures at most. min_weight : part of a ray's light that ways must carry.
     fresnel : surfaces mirror and refract; else they only refract.
     seen_through : names of what is seen through the glasses; None: all.
+    exposure : by what the engine multiplies radiance in its pictures.
     """
 
     glasses: tuple[Glass, ...]
@@ -77,6 +78,7 @@ class FrameInput:
     min_weight: float
     fresnel: bool
     seen_through: frozenset[str] | None = None
+    exposure: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -408,7 +410,7 @@ def _summed(
         alphas=tuple(alphas),
         spread=packed.spread((width, height)),
         beside=_grey(beside, (width, height)),
-        known=packed.known(colour, np.concatenate((pixel, lit_pixel))),
+        known=packed.known(frame.exposure * colour, np.concatenate((pixel, lit_pixel))),
         known_alpha=packed.known(opaque, pixel),
         reports=tuple(reports),
         unseen=unseen,

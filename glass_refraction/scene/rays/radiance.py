@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ..read.world import BLACK, Radiance, uniform_radiance
 from .hits import KNOWN, UNSEEN, Shown, Ways
 from .lamps import Sun
 from .things import Things
@@ -29,7 +30,7 @@ class Sky:
     suns : discs of light in it.
     """
 
-    radiance: tuple[float, float, float] | None
+    radiance: Radiance | None
     alpha: float
     suns: tuple[Sun, ...] = ()
 
@@ -41,35 +42,10 @@ def sky_of(
     if scene.render.engine == "BLENDER_WORKBENCH":
         suns = ()
     if scene.render.film_transparent:
-        return Sky((0.0, 0.0, 0.0), 0.0, suns)
+        return Sky(BLACK, 0.0, suns)
     if scene.render.engine == "BLENDER_WORKBENCH":
         return Sky(None, 1.0)
-    return Sky(uniform_radiance(override or scene.world), 1.0, suns)
-
-
-def uniform_radiance(world: bpy.types.World | None) -> tuple[float, float, float] | None:
-    """The radiance of a world of one colour, None of any other. No world is black."""
-    if world is None:
-        return (0.0, 0.0, 0.0)
-    if world.node_tree is None:
-        return tuple(float(c) for c in world.color)
-    output = next(
-        (
-            n
-            for n in world.node_tree.nodes
-            if n.type == "OUTPUT_WORLD" and n.is_active_output and n.target != "CYCLES"
-        ),
-        None,
-    )
-    links = output.inputs["Surface"].links if output is not None else ()
-    if not links:
-        return (0.0, 0.0, 0.0)
-    node = links[0].from_node
-    plain = node.type == "BACKGROUND" and not node.mute and not links[0].is_muted
-    if not plain or any(socket.is_linked for socket in node.inputs):
-        return None
-    strength = float(node.inputs["Strength"].default_value)
-    return tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])
+    return Sky(uniform_radiance(override or scene.world, scene.render.engine), 1.0, suns)
 
 
 def known_light(

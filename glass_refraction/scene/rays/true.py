@@ -27,6 +27,7 @@ from ..read.glasses import glass_modifier, glass_objects, read_glasses
 from ..read.modifier_inputs import read_input
 from ..read.viewpoint import Viewpoint, border_window, render_size, samples_setting
 from ..read.visibility import rendered_layer
+from ..read.world import film_exposure
 from .caster import Casters, fill_cast_collection
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
@@ -240,6 +241,7 @@ def _read(
         min_weight=settings.min_weight,
         fresnel=settings.surface == "GLASS",
         seen_through=_seen_through(scene, problems),
+        exposure=film_exposure(scene),
     )
 
 

@@ -1,39 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The world as far as it is one colour."""
+"""The world as far as it is one colour, and what a picture makes of radiance."""
 
 from __future__ import annotations
 
 import bpy
 
+Radiance = tuple[float, float, float]
+BLACK: Radiance = (0.0, 0.0, 0.0)
 
-def is_uniform(world: bpy.types.World | None) -> bool:
-    """Whether the world has one colour for all directions."""
-    if world is None or world.node_tree is None:
-        return True
-    end = world.node_tree.get_output_node("CYCLES")
+
+def uniform_radiance(world: bpy.types.World | None, engine: str) -> Radiance | None:
+    """The radiance (linear red, green, blue) of a world of one colour, None of any other.
+
+    Parameters
+    ----------
+    world : as it is evaluated. No world is black.
+    engine : of the render; engines may have world outputs of their own.
+    """
+    if world is None:
+        return BLACK
+    if engine == "BLENDER_WORKBENCH" or world.node_tree is None:
+        return tuple(float(c) for c in world.color)
+    end = world.node_tree.get_output_node("CYCLES" if engine == "CYCLES" else "EEVEE")
     links = end.inputs["Surface"].links if end is not None else ()
     if not links:
-        return True
+        return BLACK
     node = links[0].from_node
-    return node.bl_idname == "ShaderNodeBackground" and not any(s.is_linked for s in node.inputs)
+    plain = node.type == "BACKGROUND" and not node.mute and not links[0].is_muted
+    if not plain or any(socket.is_linked for socket in node.inputs):
+        return None
+    strength = float(node.inputs["Strength"].default_value)
+    return tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])
 
 
-def world_colour(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
-) -> tuple[float, float, float]:
-    """The linear colour that a uniform world has in the scene's picture, as it is evaluated."""
-    if scene.world is None:
-        return (0.0, 0.0, 0.0)
-    world = scene.world.evaluated_get(depsgraph)
-    if scene.render.engine == "BLENDER_WORKBENCH" or world.node_tree is None:
-        return tuple(world.color)
-    end = world.node_tree.get_output_node("CYCLES")
-    links = end.inputs["Surface"].links if end is not None else ()
-    if not links:
-        return (0.0, 0.0, 0.0)
-    inputs = links[0].from_node.inputs
-    strength = inputs["Strength"].default_value
-    if scene.render.engine == "CYCLES":
-        strength *= scene.cycles.film_exposure
-    red, green, blue, _ = inputs["Color"].default_value
-    return (strength * red, strength * green, strength * blue)
+def film_exposure(scene: bpy.types.Scene) -> float:
+    """By what the scene's engine multiplies radiance in its pictures."""
+    return float(scene.cycles.film_exposure) if scene.render.engine == "CYCLES" else 1.0

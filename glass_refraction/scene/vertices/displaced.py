@@ -57,7 +57,7 @@ from ..read.sources import (
 )
 from ..read.viewpoint import Viewpoint
 from ..read.visibility import rendered_layer
-from ..read.world import is_uniform, world_colour
+from ..read.world import BLACK, film_exposure, uniform_radiance
 from .appearance import Appearance, Search, Solver, Source
 from .copies import empty_copy, write_copy, write_true_mesh
 from .hull import faces_eye, first_face
@@ -127,15 +127,26 @@ def _plan(scene: bpy.types.Scene, glasses, sources) -> Plan:
         count += len(panes)
         seen = tuple(source.session_uid for source in seen_through(obj, sources))
         planned.append(GlassPlan(number, obj.session_uid, obj.name, panes, seen))
-    beyond = "WORLD" if is_uniform(scene.world) else "DIRECT"
+    beyond = "WORLD" if _is_uniform(scene) else "DIRECT"
     if scene.render.film_transparent:
         beyond = "NOTHING"
     return Plan(tuple(planned), beyond)
 
 
+def _is_uniform(scene: bpy.types.Scene) -> bool:
+    return uniform_radiance(scene.world, scene.render.engine) is not None
+
+
+def _sky_colour(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """(3,) linear colour of a uniform world in the scene's picture; of another it is not asked."""
+    world = scene.world and scene.world.evaluated_get(depsgraph)
+    radiance = uniform_radiance(world, scene.render.engine) or BLACK
+    return film_exposure(scene) * np.array(radiance)
+
+
 def _check(scene, depsgraph, glasses, plan: Plan, problems: list[str]) -> None:
     """Raise where no glass can be read now; what only some lack is a frame's own problem."""
-    if not plan.sources and is_uniform(scene.world):
+    if not plan.sources and _is_uniform(scene):
         raise RefractiveGlassError(
             f'Glass "{plan.glasses[0].name}": nothing can be seen through it; add a mesh that is '
             "visible in renders (and in its Seen Through collection)"
@@ -224,7 +235,7 @@ class _Frame:
         for planned in self.memory.plan.glasses:
             yield from self._glass(planned)
         self._occluders()
-        write_beyond(self._images, world_colour(self.scene, self.depsgraph))
+        write_beyond(self._images, _sky_colour(self.scene, self.depsgraph))
 
     def write_layers(self) -> None:
         """Give the own scenes the frame's settings, and have rendered what is not empty."""

@@ -173,6 +173,18 @@ def test_all_white_is_white_through_any_glass(tmp_path, engine, values):
     np.testing.assert_allclose(found[..., :3], 1.0, atol=0.005)
 
 
+def test_the_films_exposure_counts_in_the_glass_as_beside_it(tmp_path):
+    """A white world is known without a view, so that no picture brings the exposure along."""
+    scenes.camera()
+    scene = _scene(samples=1)
+    scene.cycles.film_exposure = 2.5
+    _world((1.0, 1.0, 1.0))
+    scenes.glass(shape="SPHERE", radius=0.04, wall_thickness=0.0)
+    found = scenes.picture(scene, tmp_path)
+    assert _covered(scene).sum() > 50
+    np.testing.assert_allclose(found[..., :3], 2.5, atol=0.0125)
+
+
 # ---------------------------------------------------------------------------- whose engine it is
 
 

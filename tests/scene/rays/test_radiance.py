@@ -13,9 +13,9 @@ from glass_refraction.scene.rays.radiance import (
     known_light,
     sky_of,
     stand_ins,
-    uniform_radiance,
 )
 from glass_refraction.scene.rays.things import Things
+from glass_refraction.scene.read.world import uniform_radiance
 
 
 def _world(colour=(0.2, 0.4, 0.8), strength=2.0):
@@ -35,15 +35,15 @@ def test_a_world_of_one_colour_is_as_cycles_draws_it(tmp_path, way):
     if way == "unlinked":
         world.node_tree.links.clear()
     found = scenes.picture(scene, tmp_path)[2, 2, :3]
-    np.testing.assert_allclose(found, uniform_radiance(scene.world), rtol=1e-5)
+    np.testing.assert_allclose(found, uniform_radiance(scene.world, "CYCLES"), rtol=1e-5)
 
 
 def test_a_world_of_more_than_one_colour_is_not_known():
     world, node = _world()
-    assert uniform_radiance(world) == pytest.approx((0.4, 0.8, 1.6))
+    assert uniform_radiance(world, "CYCLES") == pytest.approx((0.4, 0.8, 1.6))
     texture = world.node_tree.nodes.new("ShaderNodeTexGradient")
     world.node_tree.links.new(texture.outputs["Color"], node.inputs["Color"])
-    assert uniform_radiance(world) is None
+    assert uniform_radiance(world, "CYCLES") is None
 
 
 def test_a_worlds_node_that_is_muted_or_behind_another_is_not_taken_for_it(tmp_path):
@@ -53,10 +53,30 @@ def test_a_worlds_node_that_is_muted_or_behind_another_is_not_taken_for_it(tmp_p
     world, node = _world()
     scene.world = world
     node.mute = True
-    known = uniform_radiance(world)
+    known = uniform_radiance(world, "CYCLES")
     found = scenes.picture(scene, tmp_path)[2, 2, :3]
     if known is not None:
         np.testing.assert_allclose(found, known, rtol=1e-5)
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
+def test_an_engines_own_output_of_the_world_counts(tmp_path, engine):
+    """A world may have an output for each engine: the picture's sky tells which one holds."""
+    scene = scenes.settings(4, 4, samples=1)
+    scene.render.engine = engine
+    scenes.camera()
+    world, _ = _world()
+    scene.world = world
+    tree = world.node_tree
+    (shared,) = (n for n in tree.nodes if n.type == "OUTPUT_WORLD")
+    shared.target = "EEVEE"
+    own = tree.nodes.new("ShaderNodeOutputWorld")
+    own.target = "CYCLES"
+    other = tree.nodes.new("ShaderNodeBackground")
+    other.inputs["Color"].default_value = (0.9, 0.1, 0.3, 1.0)
+    tree.links.new(other.outputs["Background"], own.inputs["Surface"])
+    found = scenes.picture(scene, tmp_path)[2, 2, :3]
+    np.testing.assert_allclose(found, uniform_radiance(world, engine), rtol=1e-3)
 
 
 def test_the_sky_behind_a_transparent_film_is_nothing():
