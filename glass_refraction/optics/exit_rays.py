@@ -65,7 +65,7 @@ class ExitRays:
     path : (K,) int64
         The same for rays with the same sequence of (glass, interface, refracted or reflected), 0
         for none; comparable between calls with the same list of glasses. It is a hash: two
-        sequences share one with a chance of 2⁻⁶⁴.
+        sequences share one with a chance of 2⁻⁶³. Its last bit is 1 where any was a reflection.
     lost : (M,)
         Share of each ray's light that was not followed to its end. With the weights it adds up to
         1. All of it for a ray that is none (not finite, or without a direction).
@@ -85,6 +85,9 @@ class ExitRays:
     lost: Floats
     steps: int
 
+
+MIRRORED = np.uint64(1)
+"""The bit of a path that tells of a reflection."""
 
 Cast = Callable[[Floats, Floats], tuple[Floats, NDArray[np.intp]]]
 """(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none, and
@@ -417,8 +420,8 @@ class _Followed:
         # A thing that touches is on the other side, whatever the rounding of its distance.
         off.aside = lift[back] * flat[:, back]
         code = _interface_code(met.glass, met.interface)
-        through.path = np.where(straight[on], through.path, fold(through.path, code[on]))
-        off.path = fold(off.path, code[back] + 1)
+        through.path = np.where(straight[on], through.path, _path_on(through.path, code[on]))
+        off.path = _path_on(off.path, code[back] + 1) | MIRRORED
         if not self.fresnel:
             # A surface that only refracts is black where it would reflect totally, as in Cycles.
             off.depth = np.full_like(off.depth, np.inf)
@@ -646,6 +649,11 @@ def _meets_boxes(boxes: Floats, live: _Live, way: Floats) -> NDArray[np.bool_]:
         leaves = np.maximum(begin, end).min(axis=0)
         found |= (enters <= np.minimum(leaves, way)) & (leaves >= 0.0)
     return found
+
+
+def _path_on(path: NDArray[np.uint64], code: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """The hash of a path that goes on with a code; whether it was mirrored before stays."""
+    return (fold(path, code) & ~MIRRORED) | (path & MIRRORED)
 
 
 def _interface_code(glass, interface) -> NDArray[np.int64]:

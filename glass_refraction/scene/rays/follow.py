@@ -138,7 +138,7 @@ class Follower:
             parts.append(
                 Ways(
                     ends.ray[met],
-                    ends.path[met] ^ np.int64(number),
+                    ends.path[met] ^ np.int64(number << 1),
                     weight * share,
                     weight[:, None] * np.exp(-ends.depth[met]) * colour,
                     ends.origin[met],

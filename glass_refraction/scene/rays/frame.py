@@ -32,8 +32,9 @@ from .exits import (
 from .follow import Band, Follower, Kept
 from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
 from .meshes import GlassMeshes
-from .radiance import Sky, known_light, stand_ins
+from .radiance import known_light, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
+from .sky import Sky
 from .things import Things
 from .views import RadianceView, direct_view
 
@@ -150,7 +151,7 @@ def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> Fram
     centre, scale = _place_and_size(bodies, frame.view)
     casters.things.aim(frame.things, centre, scale)
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
-    scene = Scene(casters.things, frame.things, sky_is_known=frame.sky.radiance is not None)
+    scene = Scene(casters.things, frame.things, frame.sky)
     direct = direct_view(frame.view, frame.region, frame.near)
     rays, shown, views, glints = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
     return _summed(frame, scene, views, rays, shown, glints)
@@ -395,8 +396,8 @@ def _summed(
     lit = np.flatnonzero(glints.colour.any(axis=1))
     lit_pixel = _window_pixels(glints.pixel[lit], frame.view)
     colour = np.concatenate((radiance * ways.colour * share[:, None], glints.colour[lit]))
-    sky_alpha = np.where(ways.is_sky, frame.sky.alpha, 1.0) * (shown.view == KNOWN)
-    opaque = (sky_alpha * ways.weight * share)[:, None] * np.ones(3)
+    covers = (shown.view == KNOWN) & ~(ways.is_sky & frame.sky.is_clear(ways))
+    opaque = (covers * ways.weight * share)[:, None] * np.ones(3)
     return FrameResult(
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .caster import Caster
+from .sky import Sky
 from .things import Things
 from .views import WIDEST, RadianceView, aimed_view, virtual_eye
 
@@ -46,7 +47,8 @@ class Ways:
 
     Attributes
     ----------
-    ray : (K,) number of the ray. path : (K,) equal for ways through the same interfaces.
+    ray : (K,) number of the ray. path : (K,) equal for ways through the same interfaces, odd for
+        those of which one mirrored.
     weight : (K,) part of the ray's light. colour : (K, 3) the same with tints.
     origin, direction : (K, 3), world; the direction leads away from the eye.
     distance : (K,) metres to what is met; infinite: the sky.
@@ -81,6 +83,11 @@ class Ways:
         return self.triangle < 0
 
     @property
+    def is_mirrored(self) -> np.ndarray:
+        """(K,) which were reflected anywhere."""
+        return (self.path & 1).astype(bool)
+
+    @property
     def point(self) -> np.ndarray:
         """(K, 3) where they meet a thing; their origin where they meet none."""
         far = np.where(self.is_sky, 0.0, self.distance)
@@ -113,10 +120,13 @@ Views = Sequence[RadianceView | None]
 
 
 class Scene:
-    """The things that ways meet, ready to be looked for in views."""
+    """The things that ways meet, ready to be looked for in views.
 
-    def __init__(self, caster: Caster, things: Things, *, sky_is_known: bool) -> None:
-        self.caster, self.things, self.sky_is_known = caster, things, sky_is_known
+    sky : what those see that meet nothing.
+    """
+
+    def __init__(self, caster: Caster, things: Things, sky: Sky) -> None:
+        self.caster, self.things, self.sky = caster, things, sky
         a, b, c = (things.points[things.triangles[:, k]] for k in range(3))
         normals = np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -127,7 +137,7 @@ class Scene:
 
     def is_known(self, ways: Ways) -> np.ndarray:
         """(K,) whose light is known without a view: lamps, and a sky of one colour."""
-        known = ways.is_sky & self.sky_is_known
+        known = ways.is_sky & (self.sky.radiance is not None or self.sky.is_clear(ways))
         some = np.flatnonzero(~ways.is_sky)
         known[some] = self._is_lamp[self.things.surface[ways.triangle[some]]]
         return known
@@ -144,7 +154,7 @@ class Scene:
         pixels = np.zeros((len(ways), 2))
         worth = np.zeros(len(ways))
         sky = np.flatnonzero(ways.is_sky)
-        if len(sky):
+        if len(sky) and (view.sky_only or not self.sky.is_cut_out):
             pixels[sky], inside = view.pixels_of_sky(ways.direction[sky])
             worth[sky] = inside * view.focal_px
         some = np.flatnonzero(~ways.is_sky)
@@ -254,7 +264,8 @@ def place_captures(
     known = scene.is_known(ways)
     total = ways.weight.sum()
     shown = _quality(scene, direct, ways, spacing)
-    shown[known] = 1.0
+    # No capture shows a sky that the film leaves out.
+    shown[known | (ways.is_sky & scene.sky.is_cut_out)] = 1.0
     captures: list[RadianceView] = []
     while len(captures) < most and len(ways):
         lacking = ways.weight * (1.0 - shown)
@@ -336,8 +347,8 @@ def place_skies(
 ) -> list[RadianceView]:
     """Cameras that show the world alone, for directions in which no other view shows it."""
     direct = views[0]
-    sky = np.flatnonzero(ways.is_sky)
-    if scene.sky_is_known or not len(sky):
+    sky = np.flatnonzero(ways.is_sky & ~scene.is_known(ways))
+    if not len(sky):
         return []
     ways = ways.take(sky[:: max(1, len(sky) // TRIED)])
     total = ways.weight.sum()

@@ -1,51 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Light that is known without a view: lamps, the sky of one colour, and what no view shows."""
+"""Light that is known without a view: lamps, a sky of one colour, and what no view shows."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import bpy
 import numpy as np
 
-from ..read.world import BLACK, Radiance, uniform_radiance
 from .hits import KNOWN, UNSEEN, Shown, Ways
-from .lamps import Sun
+from .sky import Sky
 from .things import Things
 
 COMPARED = 400
 """Hits of one surface among which the nearest is looked for, for one that no view shows."""
 BLOCK = 4096
 """Hits compared at a time."""
-
-
-@dataclass(frozen=True)
-class Sky:
-    """What rays that meet nothing see.
-
-    Attributes
-    ----------
-    radiance : (red, green, blue) of a sky of one colour; None: views show it.
-    alpha : of the sky: 0 where the film is transparent.
-    suns : discs of light in it.
-    """
-
-    radiance: Radiance | None
-    alpha: float
-    suns: tuple[Sun, ...] = ()
-
-
-def sky_of(
-    scene: bpy.types.Scene, suns: tuple[Sun, ...], override: bpy.types.World | None = None
-) -> Sky:
-    """The sky of an evaluated scene's world, or of a view layer's own, as its engine draws it."""
-    if scene.render.engine == "BLENDER_WORKBENCH":
-        suns = ()
-    if scene.render.film_transparent:
-        return Sky(BLACK, 0.0, suns)
-    if scene.render.engine == "BLENDER_WORKBENCH":
-        return Sky(None, 1.0)
-    return Sky(uniform_radiance(override or scene.world, scene.render.engine), 1.0, suns)
 
 
 def known_light(
@@ -56,7 +23,7 @@ def known_light(
     known = shown.view == KNOWN
     is_sky = ways.is_sky
     if sky.radiance is not None:
-        out[known & is_sky] = sky.radiance
+        out[known & is_sky & ~sky.is_clear(ways)] = sky.radiance
     some = np.flatnonzero(known & ~is_sky)
     triangle = ways.triangle[some]
     surface = things.surface[triangle]

@@ -33,8 +33,8 @@ from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
-from .radiance import sky_of
 from .samples import LEVELS
+from .sky import sky_of
 from .sum_tree import Pictures, SumTree, write_kernels
 from .things import read_things
 from .views import RadianceView
@@ -127,10 +127,13 @@ def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
     for capture in views:
         kept = {
             "scene": {"camera": capture.camera},
-            "render": {"use_compositing": False, "use_sequencer": False, "use_multiview": False},
+            "render": dict.fromkeys(("use_compositing", "use_sequencer", "use_multiview"), False),
             "cycles": {"samples": capture.cycles.samples},
             "eevee": {"taa_render_samples": capture.eevee.taa_render_samples},
         }
+        if own(capture, SKY):
+            # What the film leaves out mirrors may show.
+            kept["render"]["film_transparent"] = False
         match_settings(scene, capture, kept)
         layer = capture.view_layers[0]
         for name in ("material_override", "world_override"):

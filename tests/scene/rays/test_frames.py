@@ -350,6 +350,28 @@ def test_a_transparent_film_is_as_transparent_as_in_cycles(tmp_path, engine):
     assert 0.2 < found[covered][:, 3].mean() < 0.8
 
 
+@pytest.mark.parametrize("world", ["plain", "many colours"])
+def test_glass_before_a_transparent_film_mirrors_the_world_as_in_cycles(tmp_path, world):
+    """The hole is seen through the glass; what its surfaces mirror covers."""
+    scenes.camera(tilt=np.pi / 2)
+    _wall().location.z = 0.56
+    scene = _scene(samples=32, surface="GLASS")
+    if world == "plain":
+        _world((0.3, 0.5, 0.9))
+    else:
+        _colourful_world()
+    scene.render.film_transparent = True
+    scenes.glass(shape="SLAB", radius=0.1, wall_thickness=0.01).rotation_euler.z = 0.9
+    found = scenes.picture(scene, tmp_path)
+    covered = _covered(scene)
+    wanted = _reference(scene, 256)
+    alpha = found[covered][:, 3].mean()
+    assert alpha == pytest.approx(wanted[covered][:, 3].mean(), abs=0.02)
+    assert 0.3 < alpha < 0.8
+    off = (found - wanted)[covered][:, :3].mean(axis=0)
+    np.testing.assert_allclose(off, 0.0, atol=0.02)
+
+
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
 @pytest.mark.parametrize("crop", [False, True])
 def test_a_border_shows_its_part_of_the_whole_picture(tmp_path, engine, crop):

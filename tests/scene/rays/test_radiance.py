@@ -9,11 +9,10 @@ import scenes
 from glass_refraction.scene.rays.hits import KNOWN, UNSEEN, Shown, Ways
 from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.radiance import (
-    Sky,
     known_light,
-    sky_of,
     stand_ins,
 )
+from glass_refraction.scene.rays.sky import Sky, sky_of
 from glass_refraction.scene.rays.things import Things
 from glass_refraction.scene.read.world import uniform_radiance
 
@@ -79,21 +78,24 @@ def test_an_engines_own_output_of_the_world_counts(tmp_path, engine):
     np.testing.assert_allclose(found, uniform_radiance(world, engine), rtol=1e-3)
 
 
-def test_the_sky_behind_a_transparent_film_is_nothing():
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE", "BLENDER_WORKBENCH"])
+def test_what_a_transparent_film_leaves_out(engine):
+    """The hole is seen through glass, and mirrors show the world."""
     scene = scenes.settings()
+    scene.render.engine = engine
     scene.world, _ = _world()
-    assert sky_of(scene, ()).radiance == pytest.approx((0.4, 0.8, 1.6))
-    assert sky_of(scene, ()).alpha == 1.0
+    ways = _ways(np.zeros((2, 3)), [-1, -1], path=(2, 3))
+    assert not sky_of(scene, ()).is_clear(ways).any()
     scene.render.film_transparent = True
-    assert sky_of(scene, ()) == Sky((0.0, 0.0, 0.0), 0.0)
+    assert sky_of(scene, ()).is_clear(ways).tolist() == [True, engine == "BLENDER_WORKBENCH"]
 
 
-def _ways(points, triangle):
+def _ways(points, triangle, path=None):
     count = len(points)
     origins = np.asarray(points, float) - (0, 0, 1)
     sky = np.asarray(triangle) < 0
     return Ways(
-        np.arange(count), np.ones(count, np.int64), np.ones(count), np.ones((count, 3)), origins,
+        np.arange(count), np.resize(path or 1, count), np.ones(count), np.ones((count, 3)), origins,
         np.tile((0.0, 0.0, 1.0), (count, 1)), np.where(sky, np.inf, 1.0), np.asarray(triangle),
     )  # fmt: skip
 
@@ -113,7 +115,7 @@ def test_lamps_and_sky_give_their_own_light():
     normals = np.array([(0, 0, -1.0), (0, 0, -1.0), (0, 0, 1.0)])
     ways = _ways(np.zeros((5, 3)), [0, 1, 2, -1, 1])
     shown = Shown(np.array([0, KNOWN, KNOWN, KNOWN, UNSEEN]), np.zeros((5, 2)))
-    found = known_light(things, normals, Sky((0.5, 0.6, 0.7), 1.0), ways, shown)
+    found = known_light(things, normals, Sky((0.5, 0.6, 0.7)), ways, shown)
     # An area lamp gives light on the side of its face alone.
     np.testing.assert_array_equal(
         found, [(0, 0, 0), (3, 2, 1), (0, 0, 0), (0.5, 0.6, 0.7), (0, 0, 0)]
