@@ -362,7 +362,7 @@ class _Followed:
         for things from that are reflected where one touches it; 0 where none does. Between thing
         and interface is a film of the medium behind it: what gets through sees the thing.
         """
-        children: dict[int, tuple[_Live, _Live, tuple]] = {}
+        children: dict[int, tuple[_Live, _Live, _Live, tuple]] = {}
 
         def work(block: slice) -> None:
             children[block.start] = self._split(
@@ -371,9 +371,11 @@ class _Followed:
 
         in_blocks(work, len(live))
         further = []
-        for _, (seen, followed, dropped) in sorted(children.items()):
+        for _, (seen, dark, followed, dropped) in sorted(children.items()):
             if len(seen):
                 self.rows.append((seen, np.zeros(len(seen))))
+            if len(dark):
+                self.rows.append((dark, np.full(len(dark), np.inf)))
             further.append(followed)
             lost += np.bincount(*dropped, len(lost))
         return _Live.join(further) if further else live
@@ -422,12 +424,14 @@ class _Followed:
         code = _interface_code(met.glass, met.interface)
         through.path = np.where(straight[on], through.path, _path_on(through.path, code[on]))
         off.path = _path_on(off.path, code[back] + 1) | MIRRORED
-        if not self.fresnel:
-            # A surface that only refracts is black where it would reflect totally, as in Cycles.
-            off.depth = np.full_like(off.depth, np.inf)
         touches = lift[on] > 0.0
         seen, through = (through.take(np.flatnonzero(part)) for part in (touches, ~touches))
-        return seen, _Live.join([through, off]), dropped
+        if self.fresnel:
+            return seen, off.take(slice(0)), _Live.join([through, off]), dropped
+        # A surface that only refracts is black where it would reflect totally, as in Cycles: such
+        # a ray ends there.
+        off.depth = np.full_like(off.depth, np.inf)
+        return seen, off, through, dropped
 
     @staticmethod
     def _child(live: _Live, which, direction: Floats, weight: Floats) -> _Live:

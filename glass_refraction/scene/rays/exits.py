@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -12,8 +12,8 @@ from .follow import Follower
 from .hits import Shown, Ways
 from .lamps import Sun
 
-SIDES = ((2, 0.03), (3, 0.2), (5, 0.6))
-"""Rays along either axis of a pixel in which ways end, by the part of the light that ends there."""
+RAYS = ((4, 0.03), (9, 0.2), (25, 0.58))
+"""Rays in a pixel in which ways end, by the part of the light that ends there."""
 STEADY_PX = 1.5
 """Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
 END = 0.6
@@ -24,6 +24,9 @@ MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
 ENOUGH = 0.25
 """Part of a ray's light that must have been followed to stand for all of it."""
+TURNS = {4: 2, 9: 3, 25: 7}
+"""Rays a pixel -> steps from row to row of their lattice: those that tell best, for edges in all
+directions, what part of a bell lies beyond."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
 """Of the engines' pixel filters as a Gauss bell, standard deviation over the filter's size: the
 engines' own, whose window of Blackman and Harris is twice as wide, or `WORKBENCH_SIGMA`."""
@@ -46,11 +49,13 @@ class PictureRays:
     ----------
     pixel : (R,) number of each ray's pixel in the frame, row by row from the lower left.
     share : (R,) part of its pixel that a ray stands for.
+    dark : (R,) part of a ray's light that glasses cover and no way brings.
     ways : their ``ray`` counts these rays.
     """
 
     pixel: np.ndarray
     share: np.ndarray
+    dark: np.ndarray
     ways: Ways
 
 
@@ -68,10 +73,12 @@ def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
     return _rays(pixels, np.zeros((1, 2)), follower)
 
 
-def finer_rays(pixels: np.ndarray, side: int, sigma: float, follower: Follower) -> PictureRays:
-    """``side``² rays in each pixel (N,), spread as the pixel filter weighs places."""
-    steps = sigma * _bell_means(side)
-    return _rays(pixels, np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2), follower)
+def finer_rays(pixels: np.ndarray, count: int, sigma: float, follower: Follower) -> PictureRays:
+    """Rays in each pixel (N,), spread as the pixel filter weighs places; as many as `TURNS` has."""
+    steps = sigma * _bell_means(count)
+    # A lattice: no two share a column or row, so that an edge along one counts each by itself.
+    row = TURNS[count] * np.arange(1, count + 1) % (count + 1) - 1
+    return _rays(pixels, np.stack((steps, steps[row]), axis=-1), follower)
 
 
 def _bell_means(count: int) -> np.ndarray:
@@ -92,23 +99,20 @@ def _quantile(probability: float) -> float:
 def _rays(pixels: np.ndarray, places: np.ndarray, follower: Follower) -> PictureRays:
     ways, lost = follower.ways(pixels, places)
     pixel = np.repeat(pixels, len(places))
-    return PictureRays(pixel, np.full(len(pixel), 1.0 / len(places)), _with_lost(ways, lost))
+    ways, dark = _with_lost(ways, lost)
+    return PictureRays(pixel, np.full(len(pixel), 1.0 / len(places)), dark, ways)
 
 
-def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:
-    """The ways, the light that was not followed shared out among those of the same ray."""
+def _with_lost(ways: Ways, lost: np.ndarray) -> tuple[Ways, np.ndarray]:
+    """The ways, the light that was not followed shared out among those of the same ray.
+
+    Where too little was followed to stand for the rest, that is dark: (R,) how much.
+    """
     brought = np.bincount(ways.ray, ways.weight, len(lost))
-    factor = ((brought + lost) / np.maximum(brought, ENOUGH))[ways.ray]
-    return Ways(
-        ways.ray,
-        ways.path,
-        ways.weight * factor,
-        ways.colour * factor[:, None],
-        ways.origin,
-        ways.direction,
-        ways.distance,
-        ways.triangle,
-    )
+    factor = (brought + lost) / np.maximum(brought, ENOUGH)
+    more = factor[ways.ray]
+    shared = replace(ways, weight=ways.weight * more, colour=ways.colour * more[:, None])
+    return shared, np.maximum(brought + lost - brought * factor, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from ..read.viewpoint import Viewpoint
 from .caster import Casters
 from .curtain import curtain
 from .exits import (
-    SIDES,
+    RAYS,
     PictureRays,
     centre_rays,
     ending,
@@ -248,12 +248,14 @@ def _followed(
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma)
     glint = Glints(beside.pixel, glints * coarse.ways.colour)
-    keep = (rough <= SIDES[0][1])[coarse.ways.ray]
-    parts = [(PictureRays(coarse.pixel, coarse.share, coarse.ways.take(keep)), shown.take(keep))]
-    limits = [limit for _, limit in SIDES[1:]] + [np.inf]
-    for (side, least), most in zip(SIDES, limits, strict=True):
+    smooth = rough <= RAYS[0][1]
+    keep = smooth[coarse.ways.ray]
+    ways = coarse.ways.take(keep)
+    parts = [(replace(coarse, dark=coarse.dark * smooth, ways=ways), shown.take(keep))]
+    limits = [limit for _, limit in RAYS[1:]] + [np.inf]
+    for (count, least), most in zip(RAYS, limits, strict=True):
         some = pixels[(rough > least) & (rough <= most)]
-        fine = finer_rays(some, side, sigma, follower)
+        fine = finer_rays(some, count, sigma, follower)
         parts.append((fine, show(scene, views, fine.ways)))
     rays, shown = _together([part for part, _ in parts]), Shown.joined([s for _, s in parts])
     return rays, shown, views, glint
@@ -346,6 +348,7 @@ def _together(parts: list[PictureRays]) -> PictureRays:
     return PictureRays(
         np.concatenate([part.pixel for part in parts]),
         np.concatenate([part.share for part in parts]),
+        np.concatenate([part.dark for part in parts]),
         Ways.joined(ways),
     )
 
@@ -360,8 +363,9 @@ def _summed(
 ) -> FrameResult:
     """The samples of all ways, packed for the compositor."""
     ways = rays.ways
-    light = ways.weight.sum()
-    unseen = float(ways.weight[shown.view == UNSEEN].sum() / light) if light > 0.0 else 0.0
+    light = ways.weight.sum() + rays.dark.sum()
+    unseen = ways.weight[shown.view == UNSEEN].sum() + rays.dark.sum()
+    unseen = float(unseen / light) if light > 0.0 else 0.0
     told = shown
     shown, guessed = stand_ins(scene.things, ways, shown)
     radiance = known_light(scene.things, scene.normals, frame.sky, ways, told)
@@ -370,7 +374,10 @@ def _summed(
     pixel = _window_pixels(rays.pixel[ways.ray], frame.view)
     packed = PackedPixels(np.unique(pixel))
     width, height = _window_size(frame.view)
+    dark = np.flatnonzero(rays.dark)
+    dark_pixel = _window_pixels(rays.pixel[dark], frame.view)
     covering = np.bincount(pixel, share * ways.weight, width * height)
+    covering += np.bincount(dark_pixel, rays.share[dark] * rays.dark[dark], width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
     samples, parts, alphas, reports = [], [], [], []
     skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]

@@ -37,6 +37,8 @@ NEAR_SHARE = 0.5
 """Part of the distance to the nearest hit from where a capture sees."""
 TRIED = 4000
 """Ways that decide how well a place for a capture suits."""
+GRAZING = 1.0 / 64.0
+"""A view that meets a surface at so much less than the way does, by sines, shows only streaks."""
 GLOSSY_POWER = 8.0
 """Of the cosine between way and sight, by which a view of a glossy surface is judged."""
 
@@ -136,10 +138,11 @@ class Scene:
         self._is_glossy = np.array([look.is_glossy for look in looks], bool)
 
     def is_known(self, ways: Ways) -> np.ndarray:
-        """(K,) whose light is known without a view: lamps, and a sky of one colour."""
+        """(K,) whose light is known without a view: lamps, a sky of one colour, and none."""
         known = ways.is_sky & (self.sky.radiance is not None or self.sky.is_clear(ways))
         some = np.flatnonzero(~ways.is_sky)
         known[some] = self._is_lamp[self.things.surface[ways.triangle[some]]]
+        known |= ~ways.colour.any(axis=1)
         return known
 
     def is_glossy(self, ways: Ways) -> np.ndarray:
@@ -176,9 +179,10 @@ class Scene:
             sides = np.einsum("nk,nk->n", towards, self.normals[triangle])
             # The other side of a face may look different.
             same_side = np.sign(facing) == np.sign(sides)
+            enough = tilt > GRAZING * np.abs(facing)
             glossy = self._is_glossy[self.things.surface[triangle]]
             match = np.where(glossy, np.clip(0.5 + 0.5 * along, 0.0, 1.0) ** GLOSSY_POWER, 1.0)
-            worth[some] = inside * same_side * density * np.sqrt(tilt) * (match + 1e-3)
+            worth[some] = inside * same_side * enough * density * np.sqrt(tilt) * (match + 1e-3)
         return worth * (1.0 if direct else CAPTURE_WORTH), pixels
 
     def sees(self, view: RadianceView, ways: Ways) -> np.ndarray:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Places of rays in pixels, neighbours, and the energy of the suns' light."""
 
+from statistics import NormalDist
+
 import bpy
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import scenes
 
 from glass_refraction import optics
 from glass_refraction.scene.rays.exits import (
+    TURNS,
     PictureRays,
     _bell_means,
     centre_rays,
@@ -129,7 +132,7 @@ def test_the_filters_sigma_is_that_of_the_engine(tmp_path, engine, size, aa):
 def test_finer_rays_lie_in_their_pixels_and_share_it():
     view = view_of()
     pixels = np.array([5, 200, 3000])
-    rays = finer_rays(pixels, 3, 0.4, Following(view, straight))
+    rays = finer_rays(pixels, 9, 0.25, Following(view, straight))
     assert len(rays.pixel) == 27
     np.testing.assert_allclose(np.bincount(rays.pixel, rays.share)[pixels], 1.0)
     slope = rays.ways.direction[:, :2] / -rays.ways.direction[:, 2:]
@@ -138,6 +141,31 @@ def test_finer_rays_lie_in_their_pixels_and_share_it():
     np.testing.assert_array_equal(np.floor(x) + SIZE[0] * np.floor(y), rays.pixel)
     middle = [x[rays.pixel == p].mean() % 1 for p in pixels]
     np.testing.assert_allclose(middle, 0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", TURNS)
+def test_an_edge_along_a_row_or_column_is_told_to_a_ray(count):
+    """Whatever part of the filter lies beyond an edge, the rays beyond it are as many."""
+    sigma = 0.4
+    view = view_of()
+    rays = finer_rays(np.array([1000]), count, sigma, Following(view, straight))
+    slope = rays.ways.direction[:, :2] / -rays.ways.direction[:, 2:]
+    places = (slope * 1.5 * (1.0, SIZE[0] / SIZE[1]) + 1.0) * 0.5 * SIZE
+    off = (places - (1000 % SIZE[0] + 0.5, 1000 // SIZE[0] + 0.5)) / sigma
+    for edge in np.linspace(-2.5, 2.5, 41):
+        beyond = 1.0 - NormalDist().cdf(edge)
+        np.testing.assert_allclose((off > edge).mean(axis=0), beyond, atol=1.0 / count)
+
+
+def test_rays_of_which_no_way_was_followed_are_dark_and_cover_their_pixel():
+    def follow(origins, directions):
+        ways, _ = straight(origins, directions)
+        lost = np.arange(len(origins)) < 4
+        return ways.take(np.flatnonzero(~lost)), lost.astype(float)
+
+    rays = centre_rays(np.arange(10), Following(view_of(), follow))
+    np.testing.assert_array_equal(rays.dark, np.arange(10) < 4)
+    np.testing.assert_array_equal(rays.ways.weight, 1.0)
 
 
 def test_light_that_was_not_followed_goes_with_what_was():
@@ -173,7 +201,7 @@ def test_neighbours_are_the_same_way_one_pixel_further():
         np.array([0, 1, 1, 2, 3, 4, 5]), np.tile((0, 0, -1.0), (7, 1)),
         path=np.array([1, 1, 2, 2, 1, 3, 1]),
     )  # fmt: skip
-    rays = PictureRays(pixels, np.ones(6), ways)
+    rays = PictureRays(pixels, np.ones(6), np.zeros(6), ways)
     found = neighbours(rays, view.size)
     np.testing.assert_array_equal(found.pixel, pixels[ways.ray])
     # By hand: path 1 in 7 and 8 and 13; path 2 in 8 and 9; 3 in 14 alone; 27 in the last column.
@@ -186,7 +214,7 @@ def test_neighbours_are_the_same_way_one_pixel_further():
 
 def test_neighbours_of_no_ways():
     nothing = sky_ways(np.zeros(0, int), np.zeros((0, 3)))
-    rays = PictureRays(np.arange(4), np.ones(4), nothing)
+    rays = PictureRays(np.arange(4), np.ones(4), np.zeros(4), nothing)
     found = neighbours(rays, SIZE)
     assert all(len(part) == 0 for pair in (found.ahead, found.behind) for part in pair)
     shown = Shown(np.zeros(0, int), np.zeros((0, 2)))
