@@ -13,7 +13,7 @@ from .media import MEDIA
 from .paths import LightPath, ParallelView
 from .placed import Placed, PlacedGlass, PlacedMesh
 from .revolution import RevolutionGlass
-from .tracing import TracedRays, trace
+from .tracing import TracedRays, stretches, trace
 from .tumbler import Tumbler
 from .weights import light_paths, path_weights
 
@@ -43,5 +43,6 @@ __all__ = [
     "path_weights",
     "reflect",
     "refract",
+    "stretches",
     "trace",
 ]

@@ -7,6 +7,7 @@ solver returns. The weights are folded over the same walk.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -256,23 +257,59 @@ def trace(
         return TracedRays(*trace_axial(glass, origin, direction, path))
     events = as_path(path).events
     rays, proper = start(glass, origin, direction)
-    index = np.flatnonzero(proper)
     origins, directions, lengths = (
         rays.origin.copy(),
         rays.direction.copy(),
         rays.length.copy(),
     )
     valid = np.zeros(len(proper), dtype=bool)
-    last = rays.take(index)
-    for event in events:
-        meeting = meet(glass, last)
-        on = np.flatnonzero(meeting.inside)
-        last, possible = advance(glass, last.take(on), meeting.take(on), event)
-        index = index[on][possible]
-        last = last.take(possible)
+    *_, (index, last) = _along(glass, rays.take(np.flatnonzero(proper)), events)
+    index = np.flatnonzero(proper)[index]
     meeting = meet(glass, last)
     ends = ~meeting.met if events else ~meeting.inside
     index, last = index[ends], last.take(ends)
     origins[index], directions[index], lengths[index] = last.origin, last.direction, last.length
     valid[index] = True
     return TracedRays(origins, directions, lengths, valid)
+
+
+def _along(glass: Glass, rays: Bundle, events: str) -> Iterator[tuple[NDArray, Bundle]]:
+    """Rays before and after each event: numbers of those that take all so far, and these."""
+    index = np.arange(len(rays.medium))
+    yield index, rays
+    for event in events:
+        meeting = meet(glass, rays)
+        on = np.flatnonzero(meeting.inside)
+        rays, possible = advance(glass, rays.take(on), meeting.take(on), event)
+        index, rays = index[on][possible], rays.take(possible)
+        yield index, rays
+
+
+def stretches(
+    glass: Glass, origin: ArrayLike, direction: ArrayLike, path: LightPath
+) -> tuple[Floats, Floats]:
+    """Where a path's rays run behind the first surface that they meet.
+
+    Parameters as in :func:`trace`.
+
+    Returns
+    -------
+    origin, direction : (K, 3)
+        Beginnings and unit directions of all stretches from number 1 on, those of each ray that
+        takes the whole path.
+    """
+    whole = trace(glass, origin, direction, path)
+    takes = np.flatnonzero(whole.valid)
+    origins = np.broadcast_to(np.asarray(origin, dtype=float), whole.origin.shape)[takes]
+    directions = np.atleast_2d(np.asarray(direction, dtype=float))[takes]
+    found = [(whole.origin[takes], whole.direction[takes])]
+    if isinstance(glass, AxialGlass):
+        named = path.interfaces is not None and not path.open
+        for count in range(1, len(path.events)) if named else ():
+            part = LightPath(path.events[:count], path.interfaces[:count], open=True)
+            traced = trace(glass, origins, directions, part)
+            found.append((traced.origin, traced.direction))
+    elif path.events:
+        _, *on_the_way, _ = _along(glass, start(glass, origins, directions)[0], path.events)
+        found += [(rays.origin, rays.direction) for _, rays in on_the_way]
+    return tuple(np.concatenate(part) for part in zip(*found, strict=True))

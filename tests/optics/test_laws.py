@@ -90,3 +90,28 @@ def test_media():
     assert len(optics.MEDIA) == 18
     assert optics.MEDIA["Water"] == 1.33333 and optics.MEDIA["Diamond"] == 2.417
     assert all(1.0 <= ior < 2.5 for ior in optics.MEDIA.values())
+
+
+@pytest.mark.parametrize("path", ["TTTT", "TRT", "TTRTT"])
+def test_stretches_are_the_parts_of_a_traced_ray(path):
+    """Each begins where the one before meets the next surface, and Snell's law holds between."""
+    rng = np.random.default_rng(8)
+    glass = optics.CylinderGlass((0.04, 0.037), (1.5, 1.333), extent=(-0.1, 0.1))
+    eye = np.array((0.02, -0.4, 0.03))
+    directions = rng.uniform((-0.05, -0.04, -0.1), (0.05, 0.04, 0.1), (2000, 3)) - eye
+    whole = optics.trace(glass, eye, directions, path)
+    takes = np.flatnonzero(whole.valid)
+    assert len(takes) > 100
+    origin, direction = optics.stretches(glass, eye, directions, optics.LightPath(path))
+    parts = origin.reshape(len(path), -1, 3), direction.reshape(len(path), -1, 3)
+    places = [np.broadcast_to(eye, (len(takes), 3)), *parts[0][1:], parts[0][0]]
+    along = [*parts[1][1:], parts[1][0]]
+    np.testing.assert_array_equal(places[-1], whole.origin[takes])
+    np.testing.assert_array_equal(along[-1], whole.direction[takes])
+    for here, there, way in zip(places[1:], places[2:], along, strict=False):
+        step = (there - here) / np.linalg.norm(there - here, axis=1)[:, None]
+        np.testing.assert_allclose(step, way, atol=1e-9)
+    radius = np.hypot(*np.moveaxis(np.array(places[1:])[..., :2], -1, 0))
+    np.testing.assert_allclose(
+        np.min(np.abs(radius[..., None] - glass.radius), axis=-1), 0, atol=1e-12
+    )

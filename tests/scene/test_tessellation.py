@@ -63,6 +63,21 @@ def _case(shape, **values):
     return glass, view
 
 
+def test_a_straw_through_a_tube_is_seen_though_it_has_no_vertex_in_it():
+    glass, view = _case("CYLINDER", wall_thickness=0.003)
+    path = optics.LightPath("TTTT")
+    solver = Solver(glass, path, view, 0.01)
+    points = np.array([(0.0, 0, -0.1), (0.005, 0, -0.1), (0.01, 0, 0.3), (0.005, 0, 0.3)])
+    straw = Triangles.whole(points, np.array([(0, 1, 2), (0, 2, 3)]))
+    rect = picture_rect(glass, view)
+    found = refine(straw, solver.images, region_probe(glass, view, path, rect), view, rect, 0.25)
+    assert found.visible
+    images = solver.images(found.triangles.points)
+    z = found.triangles.points[images.valid.any(axis=0), 2]
+    # All of it that stands in the tube, whose wall hides a little at either end.
+    assert z.min() < 0.02 and z.max() > 0.1
+
+
 @pytest.mark.parametrize(
     ("shape", "events", "pose"),
     [("CYLINDER", "TTTT", None), ("SLAB", "TT", (1.3, 0.2, 0.0))],
@@ -89,8 +104,11 @@ def test_one_large_quad_is_refined_to_the_tolerance_where_it_is_seen(shape, even
 
     # What the rays of the region meet must be drawn within the tolerance: trace a ray through a
     # pixel to the wall, interpolate the images of the triangle's vertices there, project.
-    distance = (0.3 - probe.origin[:, 1]) / probe.direction[:, 1]
-    met = probe.origin + distance[:, None] * probe.direction
+    # A probe has the rays of the last stretch first, and each stretch behind the first surface.
+    behind = len(probe.origin) // len(events)
+    origin, direction = probe.origin[:behind], probe.direction[:behind]
+    distance = (0.3 - origin[:, 1]) / direction[:, 1]
+    met = origin + distance[:, None] * direction
     images = solver.images(found.triangles.points)
     exact = solver.images(met)
     last = len(events)

@@ -60,7 +60,7 @@ Solve = Callable[[np.ndarray], Images]
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """Rays of the region after the path's last event, to find what large faces they meet.
+    """Rays of the region behind the first surface, to find what large faces they meet.
 
     ``origin`` and ``direction`` (R, 3), world.
     """
@@ -465,9 +465,9 @@ def _met_by(probe: Probe, corners: np.ndarray) -> np.ndarray:
 
 
 def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
-    """Rays through a grid of the rectangle's pixels that take the path, after its last event.
+    """Rays through a grid of the rectangle's pixels that take the path, on all of its stretches.
 
-    Where the path names its interfaces, also on its way there: a cup holds things.
+    A glass holds things: what stands in it is met on the way.
     """
     x0, y0, x1, y1 = rect
     x, y = np.meshgrid(
@@ -475,20 +475,7 @@ def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
         y0 + (np.arange(side) + 0.5) * (y1 - y0) / side,
     )
     origins, directions = view.rays(x.ravel(), y.ravel())
-    starts, rays = glass.to_local(origins), glass.direction_to_local(directions)
-    on_the_way = range(1, len(path)) if path.interfaces is not None and not path.open else ()
-    found = [
-        optics.trace(
-            glass.description,
-            starts,
-            rays,
-            optics.LightPath(path.events[:count], path.interfaces[:count], open=True),
-        )
-        for count in on_the_way
-    ]
-    found.append(optics.trace(glass.description, starts, rays, path))
-    # Rays count that take the whole path.
-    takes = found[-1].valid
-    origin = np.concatenate([glass.points_to_world(traced.origin[takes]) for traced in found])
-    direction = np.concatenate([traced.direction[takes] for traced in found])
-    return Probe(origin, direction @ glass.to_world[:3, :3].T)
+    origin, direction = optics.stretches(
+        glass.description, glass.to_local(origins), glass.direction_to_local(directions), path
+    )
+    return Probe(glass.points_to_world(origin), direction @ glass.to_world[:3, :3].T)
