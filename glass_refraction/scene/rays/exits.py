@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
 
-from .follow import Follower
+from .follow import Follower, way_codes
 from .hits import Shown, Ways
 from .lamps import Sun
 
-SIDES = ((2, 0.03), (3, 0.2), (5, 0.6))
-"""Rays along either axis of a pixel in which ways end, by the part of the light that ends there."""
+FINER = ((4, 0.03), (6, 0.2), (12, 0.6))
+"""Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
+STEADY = FINER[0][1]
+"""Part of a pixel's light: a way of which less ends is well shown by the pixel's centre."""
 STEADY_PX = 1.5
 """Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
 END = 0.6
@@ -64,14 +66,87 @@ def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.nd
 
 
 def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
-    """One ray through the centre of each pixel (N,); those that meet a glass are kept."""
-    return _rays(pixels, np.zeros((1, 2)), follower)
+    """One ray through the centre of each pixel (N,); those that meet a glass have ways."""
+    ways, lost = follower.ways(pixels, np.zeros((1, 2)))
+    # What was not followed goes with what was.
+    brought = np.bincount(ways.ray, ways.weight, len(lost))
+    factor = (brought + lost) / np.maximum(brought, ENOUGH)
+    return PictureRays(pixels, np.ones(len(pixels)), ways.scaled(factor[ways.ray]))
 
 
-def finer_rays(pixels: np.ndarray, side: int, sigma: float, follower: Follower) -> PictureRays:
-    """``side``² rays in each pixel (N,), spread as the pixel filter weighs places."""
-    steps = sigma * _bell_means(side)
-    return _rays(pixels, np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2), follower)
+def finer_rays(
+    coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
+) -> tuple[np.ndarray, PictureRays, PictureRays]:
+    """More rays in the pixels where ways end, spread as the pixel filter weighs places.
+
+    Ways of a pixel's centre that do not end there stay, and those that carry little: only the
+    others are followed through more places. Together they bring all the light that comes.
+
+    Parameters
+    ----------
+    coarse : one ray a pixel. ends : of its ways.
+
+    Returns
+    -------
+    kept : (K',) numbers of the ways of `coarse` that stay.
+    centre, finer : these ways, and those of the further rays.
+    """
+    pixel = coarse.pixel[coarse.ways.ray]
+    least = FINER[0][1]
+    settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
+    kept = np.flatnonzero(settled | (ends.pixel[pixel] <= least))
+    ways = coarse.ways.take(kept)
+    known = pixel[kept]
+    brought = np.bincount(known, ways.weight, len(ends.pixel))
+    wanted = brought.copy()
+    within = ends.pixel[known] > least
+    codes = np.sort(way_codes(known[within], ways.path[within]))
+    limits = [limit for _, limit in FINER[1:]] + [np.inf]
+    parts = []
+    for (count, least), most in zip(FINER, limits, strict=True):
+        pixels = np.flatnonzero((ends.pixel > least) & (ends.pixel <= most))
+        more, lost = follower.ways(pixels, sigma * _lattice(count), codes)
+        part = PictureRays(np.repeat(pixels, count), np.full(len(lost), 1.0 / count), more)
+        light = np.bincount(more.ray, more.weight, len(lost)).reshape(-1, count).mean(axis=1)
+        brought[pixels] += light
+        wanted[pixels] = light + lost.reshape(-1, count).mean(axis=1)
+        parts.append(part)
+    factor = wanted / np.maximum(np.maximum(brought, ENOUGH * wanted), LEAST_SPREAD)
+    finer = together(parts)
+    return (
+        kept,
+        PictureRays(coarse.pixel, coarse.share, ways.scaled(factor[known])),
+        replace(finer, ways=finer.ways.scaled(factor[finer.pixel[finer.ways.ray]])),
+    )
+
+
+def together(parts: list[PictureRays]) -> PictureRays:
+    """Rays of several kinds of pixels, numbered one after another."""
+    starts = np.cumsum([0, *(len(part.pixel) for part in parts)])
+    ways = [
+        replace(part.ways, ray=part.ways.ray + start)
+        for part, start in zip(parts, starts[:-1], strict=True)
+    ]
+    return PictureRays(
+        np.concatenate([part.pixel for part in parts]),
+        np.concatenate([part.share for part in parts]),
+        Ways.joined(ways),
+    )
+
+
+def _lattice(count: int) -> np.ndarray:
+    """Places (count, 2) that a pixel filter of standard deviation 1 weighs alike.
+
+    No two share a row or a column: an edge along an axis is smoothed in as many steps as there are
+    places. (Korobov's lattices; of 4 places: the rotated grid.)
+    """
+    first = np.arange(1, count + 1)
+    steps = _bell_means(count)
+    return np.stack((steps, steps[first * LATTICE[count] % (count + 1) - 1]), axis=-1)
+
+
+LATTICE = {4: 2, 6: 3, 12: 5}
+"""Steps of the second coordinate; number of places and 1 is a prime."""
 
 
 def _bell_means(count: int) -> np.ndarray:
@@ -87,28 +162,6 @@ def _quantile(probability: float) -> float:
     if probability <= 0.0:
         return -np.inf
     return np.inf if probability >= 1.0 else NormalDist().inv_cdf(probability)
-
-
-def _rays(pixels: np.ndarray, places: np.ndarray, follower: Follower) -> PictureRays:
-    ways, lost = follower.ways(pixels, places)
-    pixel = np.repeat(pixels, len(places))
-    return PictureRays(pixel, np.full(len(pixel), 1.0 / len(places)), _with_lost(ways, lost))
-
-
-def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:
-    """The ways, the light that was not followed shared out among those of the same ray."""
-    brought = np.bincount(ways.ray, ways.weight, len(lost))
-    factor = ((brought + lost) / np.maximum(brought, ENOUGH))[ways.ray]
-    return Ways(
-        ways.ray,
-        ways.path,
-        ways.weight * factor,
-        ways.colour * factor[:, None],
-        ways.origin,
-        ways.direction,
-        ways.distance,
-        ways.triangle,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,38 +219,53 @@ def spacing(rays: PictureRays, beside: Neighbours) -> np.ndarray:
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class Endings:
+    """How much of the light of one ray a pixel ends or is stretched between pixels.
+
+    Attributes
+    ----------
+    pixel : (width · height,) part of each pixel's light, the most of any way.
+    way : (K,) of each way.
+    """
+
+    pixel: np.ndarray
+    way: np.ndarray
+
+
 def ending(
     rays: PictureRays, beside: Neighbours, shown: Shown, label: np.ndarray, size: tuple[int, int]
-) -> np.ndarray:
-    """(width · height,) the part of each pixel's light whose ways end there or are stretched.
+) -> Endings:
+    """Where ways end.
 
     Parameters
     ----------
     rays : one ray a pixel. label : (K,) what their ways meet; where another begins, a way ends.
     """
     width, height = size
-    rough = np.zeros(width * height)
     ways, pixel = rays.ways, beside.pixel
-
-    def mark(which: np.ndarray, step: int, light: np.ndarray) -> None:
-        for place in (pixel[which], pixel[which] + step):
-            np.maximum.at(rough, place, light)
-
+    way, beyond = np.zeros(len(ways)), np.zeros(width * height)
     for axis, step in enumerate((1, width)):
         ahead, behind = beside.ahead[axis], beside.behind[axis]
         for sign, partner, there in zip((1, -1), (ahead, behind), beside.inner[axis], strict=True):
             ends = np.flatnonzero(there & (partner < 0))
-            mark(ends, sign * step, END * ways.weight[ends])
+            light = END * ways.weight[ends]
+            way[ends] = np.maximum(way[ends], light)
+            np.maximum.at(beyond, pixel[ends] + sign * step, light)
         a = np.flatnonzero(ahead >= 0)
         b = ahead[a]
         weight = np.maximum(ways.weight[a], ways.weight[b])
-        apart = np.linalg.norm(shown.pixels[a] - shown.pixels[b], axis=1)
+        away = shown.pixels[a] - shown.pixels[b]
+        apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
         looked_up = (shown.view[a] == shown.view[b]) & (shown.view[a] >= 0)
         # Elsewhere nothing has filtered what lies between the two.
         begins = (shown.view[a] != shown.view[b]) | (label[a] != label[b])
         stretched = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
-        mark(a, step, weight * np.where(looked_up, stretched, END * begins))
-    return rough
+        light = weight * np.where(looked_up, stretched, END * begins)
+        way[a] = np.maximum(way[a], light)
+        way[b] = np.maximum(way[b], light)
+    np.maximum.at(beyond, pixel, way)
+    return Endings(beyond, way)
 
 
 def sun_light(

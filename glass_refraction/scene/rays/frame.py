@@ -7,7 +7,7 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from ..read.viewpoint import Viewpoint
 from .caster import Casters
 from .curtain import curtain
 from .exits import (
-    SIDES,
     PictureRays,
     centre_rays,
     ending,
@@ -28,6 +27,7 @@ from .exits import (
     neighbours,
     spacing,
     sun_light,
+    together,
 )
 from .follow import Band, Follower, Kept
 from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
@@ -241,18 +241,13 @@ def _followed(
     skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
-    rough = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)[pixels]
+    ends = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma)
     glint = Glints(beside.pixel, glints * coarse.ways.colour)
-    keep = (rough <= SIDES[0][1])[coarse.ways.ray]
-    parts = [(PictureRays(coarse.pixel, coarse.share, coarse.ways.take(keep)), shown.take(keep))]
-    limits = [limit for _, limit in SIDES[1:]] + [np.inf]
-    for (side, least), most in zip(SIDES, limits, strict=True):
-        some = pixels[(rough > least) & (rough <= most)]
-        fine = finer_rays(some, side, sigma, follower)
-        parts.append((fine, show(scene, views, fine.ways)))
-    rays, shown = _together([part for part, _ in parts]), Shown.joined([s for _, s in parts])
+    kept, centre, finer = finer_rays(coarse, ends, sigma, follower)
+    shown = Shown.joined([shown.take(kept), show(scene, views, finer.ways)])
+    rays = together([centre, finer])
     return rays, shown, views, glint
 
 
@@ -331,20 +326,6 @@ def _labels(scene: Scene, ways: Ways) -> np.ndarray:
     met = np.flatnonzero(~ways.is_sky)
     label[met] = scene.things.surface[ways.triangle[met]]
     return label
-
-
-def _together(parts: list[PictureRays]) -> PictureRays:
-    """Rays of several kinds of pixels, numbered one after another."""
-    starts = np.cumsum([0, *(len(part.pixel) for part in parts)])
-    ways = [
-        replace(part.ways, ray=part.ways.ray + start)
-        for part, start in zip(parts, starts[:-1], strict=True)
-    ]
-    return PictureRays(
-        np.concatenate([part.pixel for part in parts]),
-        np.concatenate([part.share for part in parts]),
-        Ways.joined(ways),
-    )
 
 
 def _summed(
