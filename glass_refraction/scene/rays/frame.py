@@ -16,7 +16,7 @@ from ..read.glasses import Glass, as_body
 from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
 from .caster import Casters
-from .curtain import curtain
+from .curtain import curtain, looked_up
 from .exits import (
     PictureRays,
     centre_rays,
@@ -44,6 +44,8 @@ NEAREST = 1e-3
 FAR, FARTHER = 1e3, 1.1
 """Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
 NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
+NOISIEST = 2.0
+"""Variance of what a view shows, over that of what the direct picture shows, at most."""
 MARGIN_PX = 2
 """Pixels round a glass's outline that are looked at too."""
 
@@ -350,7 +352,7 @@ def _summed(
     width, height = _window_size(frame.view)
     covering = np.bincount(pixel, share * ways.weight, width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
-    samples, parts, alphas, reports = [], [], [], []
+    samples, parts, alphas, reports, curtains = [], [], [], [], []
     skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
     for number, view in enumerate(views):
         some = np.flatnonzero(shown.view == number)
@@ -363,10 +365,17 @@ def _summed(
         flat[: len(order), :3] = (ways.weight[order] * share[order])[:, None]
         parts.append(part)
         alphas.append(alpha)
-        worth = _worth(pixel[order], ways.weight[order] * share[order])
-        count = frame.samples if number == 0 else max(1, int(np.ceil(worth * frame.samples)))
+        count, hidden = 1, NO_CURTAIN
+        if view is not None and number:
+            used = looked_up(view, shown.pixels[some])
+            hidden = curtain(view, used)
+            drawn = used.mean() * view.size[0] * view.size[1]
+            worth = _worth(pixel[order], ways.weight[order] * share[order], drawn)
+            count = max(1, int(np.ceil(worth * frame.samples)))
         samples.append(count)
+        curtains.append(hidden)
         if view is not None:
+            count = count if number else frame.samples
             name = f"capture {number}" if number else "direct"
             name = f"sky {skies.index(number) + 1}" if view.sky_only else name
             carried = float(ways.weight[order].sum() / light) if light > 0.0 else 0.0
@@ -380,11 +389,7 @@ def _summed(
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
         far=tuple(_far(frame.things, view) for view in views[1:]),
-        curtains=tuple(
-            NO_CURTAIN if view is None else curtain(view, shown.pixels[shown.view == number])
-            for number, view in enumerate(views)
-            if number
-        ),
+        curtains=tuple(curtains[1:]),
         views=tuple(parts),
         alphas=tuple(alphas),
         spread=packed.spread((width, height)),
@@ -408,12 +413,19 @@ def _far(things: Things, view: RadianceView | None) -> float:
     return float(max(FARTHER * np.linalg.norm(corners - view.eye, axis=1).max(), 2.0 * view.near))
 
 
-def _worth(pixel: np.ndarray, weight: np.ndarray) -> float:
-    """What a view's samples weigh in a pixel, the mean by that weight: what its noise counts."""
+def _worth(pixel: np.ndarray, weight: np.ndarray, drawn: float) -> float:
+    """How many samples a view needs, over the direct picture's.
+
+    With s a pixel's light from the view, and A pixels of the view that are drawn, n samples cost
+    n A and leave noise of Σ s² / n. Of the direct picture one sample costs as many pixels as it
+    takes noise from; for the same gain by cost n goes with √(Σ s² / A). But no pixel's noise shall
+    be more than `NOISIEST` times its part by its light, the mean weighed by that.
+    """
     if not len(pixel):
         return 0.0
     sums = np.bincount(pixel, weight)
-    return float((sums**2).sum() / sums.sum())
+    squares = float((sums**2).sum())
+    return max(np.sqrt(squares / max(drawn, 1.0)), squares / sums.sum() / NOISIEST)
 
 
 def _window_pixels(pixel: np.ndarray, view: Viewpoint) -> np.ndarray:
