@@ -44,8 +44,8 @@ NEAREST = 1e-3
 FAR, FARTHER = 1e3, 1.1
 """Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
 NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
-NOISIEST = 2.0
-"""Variance of what a view shows, over that of what the direct picture shows, at most."""
+NOISIEST, MOST_NOISE = 2.0, 0.5
+"""Variance of what a view shows, over that of what the direct picture shows: see `_worth`."""
 MARGIN_PX = 2
 """Pixels round a glass's outline that are looked at too."""
 
@@ -369,8 +369,7 @@ def _summed(
         if view is not None and number:
             used = looked_up(view, shown.pixels[some])
             hidden = curtain(view, used)
-            drawn = used.mean() * view.size[0] * view.size[1]
-            worth = _worth(pixel[order], ways.weight[order] * share[order], drawn)
+            worth = _worth(pixel[order], ways.weight[order] * share[order], covering.sum())
             count = max(1, int(np.ceil(worth * frame.samples)))
         samples.append(count)
         curtains.append(hidden)
@@ -413,19 +412,18 @@ def _far(things: Things, view: RadianceView | None) -> float:
     return float(max(FARTHER * np.linalg.norm(corners - view.eye, axis=1).max(), 2.0 * view.near))
 
 
-def _worth(pixel: np.ndarray, weight: np.ndarray, drawn: float) -> float:
+def _worth(pixel: np.ndarray, weight: np.ndarray, covered: float) -> float:
     """How many samples a view needs, over the direct picture's.
 
-    With s a pixel's light from the view, and A pixels of the view that are drawn, n samples cost
-    n A and leave noise of Σ s² / n. Of the direct picture one sample costs as many pixels as it
-    takes noise from; for the same gain by cost n goes with √(Σ s² / A). But no pixel's noise shall
-    be more than `NOISIEST` times its part by its light, the mean weighed by that.
+    With s a pixel's light from the view, n samples leave noise of s² / n in it. That shall be at
+    most `NOISIEST` times s over the direct picture's samples, the mean by light, and over all that
+    glasses cover at most `MOST_NOISE` times what as many pixels of the direct picture have.
     """
     if not len(pixel):
         return 0.0
     sums = np.bincount(pixel, weight)
     squares = float((sums**2).sum())
-    return max(np.sqrt(squares / max(drawn, 1.0)), squares / sums.sum() / NOISIEST)
+    return max(squares / (NOISIEST * sums.sum()), squares / (MOST_NOISE * covered))
 
 
 def _window_pixels(pixel: np.ndarray, view: Viewpoint) -> np.ndarray:
