@@ -11,7 +11,7 @@ import numpy as np
 from .sum_tree import SPLINE_REACH
 from .views import RadianceView
 
-BLOCK_PX = 16
+BLOCK_PX = 8
 """Side of the curtain's squares, pixels."""
 REACH_PX = SPLINE_REACH + 2
 """Pixels round a place that its lookup, or a pixel filter, can reach."""
@@ -19,8 +19,8 @@ BEHIND_NEAR = 1.05
 """Of the distance at which the view begins to see: where the curtain hangs."""
 
 
-def curtain(view: RadianceView, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (V, 3) in camera space and quads (F, 4) before all that is not looked up.
+def looked_up(view: RadianceView, pixels: np.ndarray) -> np.ndarray:
+    """(rows, columns) which squares of a view's frame are looked up, or can be reached from there.
 
     Parameters
     ----------
@@ -29,11 +29,23 @@ def curtain(view: RadianceView, pixels: np.ndarray) -> tuple[np.ndarray, np.ndar
     width, height = view.size
     columns, rows = -(-width // BLOCK_PX), -(-height // BLOCK_PX)
     used = np.zeros((rows, columns), bool)
-    # A block is narrower than what is reached on both sides: the middle counts by itself.
-    for dx in (-REACH_PX, 0, REACH_PX):
-        for dy in (-REACH_PX, 0, REACH_PX):
-            x, y = ((pixels + np.array((dx, dy))) // BLOCK_PX).astype(int).T
-            used[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)] = True
+    flat = used.ravel()
+    # A block is no wider than what is reached: its neighbours count by the reach's ends.
+    shifts = (-REACH_PX, 0, REACH_PX)
+    x, y = (
+        [np.clip((part + d) // BLOCK_PX, 0, count - 1).astype(np.intp) for d in shifts]
+        for part, count in zip(pixels.T, (columns, rows), strict=True)
+    )
+    for row in y:
+        for column in x:
+            flat[row * columns + column] = True
+    return used
+
+
+def curtain(view: RadianceView, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (V, 3) in camera space and quads (F, 4) before all squares that are not looked up."""
+    width, height = view.size
+    rows = len(used)
     corners = []
     for row in range(rows):
         # Neighbouring squares of a row are one.

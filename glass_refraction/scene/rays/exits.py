@@ -8,17 +8,21 @@ from statistics import NormalDist
 
 import numpy as np
 
-from .follow import Follower
+from .follow import Follower, way_codes
 from .hits import Shown, Ways
 from .lamps import Sun
 
-RAYS = ((4, 0.03), (9, 0.2), (25, 0.58))
-"""Rays in a pixel in which ways end, by the part of the light that ends there."""
+FINER = ((4, 0.03), (6, 0.2), (12, 0.58))
+"""Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
+FINER_IF_BLACK = (*FINER[:2], (28, FINER[2][1]))
+"""The same where total reflection is black: edges have all the contrast there is, and rays one way."""
+STEADY = 0.01
+"""Part of a pixel's light: a way of which less ends is well shown by the pixel's centre."""
 STEADY_PX = 1.5
 """Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
 END = 0.6
 """What light that ends counts: an outline is smooth with few rays."""
-STRETCH = 0.07
+STRETCH = 0.1
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""
 MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
@@ -69,16 +73,98 @@ def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.nd
 
 
 def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
-    """One ray through the centre of each pixel (N,); those that meet a glass are kept."""
-    return _rays(pixels, np.zeros((1, 2)), follower)
+    """One ray through the centre of each pixel (N,); those that meet a glass have ways."""
+    ways, lost = follower.ways(pixels, np.zeros((1, 2)))
+    # What was not followed goes with what was.
+    brought = np.bincount(ways.ray, ways.weight, len(lost))
+    factor = (brought + lost) / np.maximum(brought, ENOUGH)
+    dark = _left(brought + lost, brought * factor)
+    return PictureRays(pixels, np.ones(len(pixels)), dark, ways.scaled(factor[ways.ray]))
 
 
-def finer_rays(pixels: np.ndarray, count: int, sigma: float, follower: Follower) -> PictureRays:
-    """Rays in each pixel (N,), spread as the pixel filter weighs places; as many as `TURNS` has."""
-    steps = sigma * _bell_means(count)
-    # A lattice: no two share a column or row, so that an edge along one counts each by itself.
-    row = TURNS[count] * np.arange(1, count + 1) % (count + 1) - 1
-    return _rays(pixels, np.stack((steps, steps[row]), axis=-1), follower)
+def _left(wanted: np.ndarray, brought: np.ndarray) -> np.ndarray:
+    """What is left of wanted light: too little was followed there to stand for all of it."""
+    return np.maximum(wanted - brought, 0.0)
+
+
+def finer_rays(
+    coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
+) -> tuple[np.ndarray, PictureRays, PictureRays]:
+    """More rays in the pixels where ways end, spread as the pixel filter weighs places.
+
+    Ways of a pixel's centre that do not end there stay, and those that carry little: only the
+    others are followed through more places. Together they bring all the light that comes.
+
+    Parameters
+    ----------
+    coarse : one ray a pixel. ends : of its ways.
+
+    Returns
+    -------
+    kept : (K',) numbers of the ways of `coarse` that stay.
+    centre, finer : these ways, and those of the further rays.
+    """
+    pixel = coarse.pixel[coarse.ways.ray]
+    rough = ends.pixel > FINER[0][1]
+    settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
+    kept = np.flatnonzero(settled | ~rough[pixel])
+    ways = coarse.ways.take(kept)
+    known = pixel[kept]
+    brought = np.bincount(known, ways.weight, len(ends.pixel))
+    wanted = brought.copy()
+    within = rough[known]
+    codes = np.sort(way_codes(known[within], ways.path[within]))
+    tiers = FINER if follower.fresnel else FINER_IF_BLACK
+    limits = [limit for _, limit in tiers[1:]] + [np.inf]
+    parts = []
+    for (count, least), most in zip(tiers, limits, strict=True):
+        pixels = np.flatnonzero((ends.pixel > least) & (ends.pixel <= most))
+        more, lost = follower.ways(pixels, sigma * _lattice(count), codes)
+        share = np.full(len(lost), 1.0 / count)
+        part = PictureRays(np.repeat(pixels, count), share, np.zeros(len(lost)), more)
+        light = np.bincount(more.ray, more.weight, len(lost)).reshape(-1, count).mean(axis=1)
+        brought[pixels] += light
+        wanted[pixels] = light + lost.reshape(-1, count).mean(axis=1)
+        parts.append(part)
+    factor = wanted / np.maximum(np.maximum(brought, ENOUGH * wanted), LEAST_SPREAD)
+    finer = together(parts)
+    left = _left(wanted, brought * factor)[coarse.pixel]
+    dark = np.where(rough[coarse.pixel], left, coarse.dark)
+    return (
+        kept,
+        PictureRays(coarse.pixel, coarse.share, dark, ways.scaled(factor[known])),
+        replace(finer, ways=finer.ways.scaled(factor[finer.pixel[finer.ways.ray]])),
+    )
+
+
+def together(parts: list[PictureRays]) -> PictureRays:
+    """Rays of several kinds of pixels, numbered one after another."""
+    starts = np.cumsum([0, *(len(part.pixel) for part in parts)])
+    ways = [
+        replace(part.ways, ray=part.ways.ray + start)
+        for part, start in zip(parts, starts[:-1], strict=True)
+    ]
+    return PictureRays(
+        np.concatenate([part.pixel for part in parts]),
+        np.concatenate([part.share for part in parts]),
+        np.concatenate([part.dark for part in parts]),
+        Ways.joined(ways),
+    )
+
+
+def _lattice(count: int) -> np.ndarray:
+    """Places (count, 2) that a pixel filter of standard deviation 1 weighs alike.
+
+    No two share a row or a column: an edge along an axis is smoothed in as many steps as there are
+    places. (Korobov's lattices; of 4 places: the rotated grid.)
+    """
+    first = np.arange(1, count + 1)
+    steps = _bell_means(count)
+    return np.stack((steps, steps[first * LATTICE[count] % (count + 1) - 1]), axis=-1)
+
+
+LATTICE = {4: 2, 6: 3, 12: 5, 28: 12}
+"""Steps of the second coordinate; number of places and 1 is a prime."""
 
 
 def _bell_means(count: int) -> np.ndarray:
@@ -94,25 +180,6 @@ def _quantile(probability: float) -> float:
     if probability <= 0.0:
         return -np.inf
     return np.inf if probability >= 1.0 else NormalDist().inv_cdf(probability)
-
-
-def _rays(pixels: np.ndarray, places: np.ndarray, follower: Follower) -> PictureRays:
-    ways, lost = follower.ways(pixels, places)
-    pixel = np.repeat(pixels, len(places))
-    ways, dark = _with_lost(ways, lost)
-    return PictureRays(pixel, np.full(len(pixel), 1.0 / len(places)), dark, ways)
-
-
-def _with_lost(ways: Ways, lost: np.ndarray) -> tuple[Ways, np.ndarray]:
-    """The ways, the light that was not followed shared out among those of the same ray.
-
-    Where too little was followed to stand for the rest, that is dark: (R,) how much.
-    """
-    brought = np.bincount(ways.ray, ways.weight, len(lost))
-    factor = (brought + lost) / np.maximum(brought, ENOUGH)
-    more = factor[ways.ray]
-    shared = replace(ways, weight=ways.weight * more, colour=ways.colour * more[:, None])
-    return shared, np.maximum(brought + lost - brought * factor, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,38 +237,53 @@ def spacing(rays: PictureRays, beside: Neighbours) -> np.ndarray:
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class Endings:
+    """How much of the light of one ray a pixel ends or is stretched between pixels.
+
+    Attributes
+    ----------
+    pixel : (width · height,) part of each pixel's light, the most of any way.
+    way : (K,) of each way.
+    """
+
+    pixel: np.ndarray
+    way: np.ndarray
+
+
 def ending(
     rays: PictureRays, beside: Neighbours, shown: Shown, label: np.ndarray, size: tuple[int, int]
-) -> np.ndarray:
-    """(width · height,) the part of each pixel's light whose ways end there or are stretched.
+) -> Endings:
+    """Where ways end.
 
     Parameters
     ----------
     rays : one ray a pixel. label : (K,) what their ways meet; where another begins, a way ends.
     """
     width, height = size
-    rough = np.zeros(width * height)
     ways, pixel = rays.ways, beside.pixel
-
-    def mark(which: np.ndarray, step: int, light: np.ndarray) -> None:
-        for place in (pixel[which], pixel[which] + step):
-            np.maximum.at(rough, place, light)
-
+    way, beyond = np.zeros(len(ways)), np.zeros(width * height)
     for axis, step in enumerate((1, width)):
         ahead, behind = beside.ahead[axis], beside.behind[axis]
         for sign, partner, there in zip((1, -1), (ahead, behind), beside.inner[axis], strict=True):
             ends = np.flatnonzero(there & (partner < 0))
-            mark(ends, sign * step, END * ways.weight[ends])
+            light = END * ways.weight[ends]
+            way[ends] = np.maximum(way[ends], light)
+            np.maximum.at(beyond, pixel[ends] + sign * step, light)
         a = np.flatnonzero(ahead >= 0)
         b = ahead[a]
         weight = np.maximum(ways.weight[a], ways.weight[b])
-        apart = np.linalg.norm(shown.pixels[a] - shown.pixels[b], axis=1)
+        away = shown.pixels[a] - shown.pixels[b]
+        apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
         looked_up = (shown.view[a] == shown.view[b]) & (shown.view[a] >= 0)
         # Elsewhere nothing has filtered what lies between the two.
         begins = (shown.view[a] != shown.view[b]) | (label[a] != label[b])
         stretched = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
-        mark(a, step, weight * np.where(looked_up, stretched, END * begins))
-    return rough
+        light = weight * np.where(looked_up, stretched, END * begins)
+        way[a] = np.maximum(way[a], light)
+        way[b] = np.maximum(way[b], light)
+    np.maximum.at(beyond, pixel, way)
+    return Endings(beyond, way)
 
 
 def sun_light(

@@ -9,7 +9,7 @@ ways are the same to the bit whether they were kept or not, and whichever rays g
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,9 @@ MOST_PASSED = 32
 """Surfaces one behind another that a ray passes because they are not seen through the glasses."""
 BEHIND = 1e-5
 """Part of the way to such a surface by which the ray is put behind it."""
+FINE = 5.0
+"""Where a pixel has many rays, ways must carry so much more of a ray's light: it is a part of the
+pixel's."""
 MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
@@ -40,11 +43,14 @@ class Kept:
     Attributes
     ----------
     stamp : of eye and glasses.
-    parts : places -> pixels (N,), rising, and the ways of their rays, pixel by pixel; light lost.
+    parts : least weight and places -> pixels (N,), rising, and the ways of their rays, pixel by
+        pixel; light lost.
     """
 
     stamp: tuple = ()
-    parts: dict[bytes, tuple[np.ndarray, Ways, np.ndarray]] = field(default_factory=dict)
+    parts: dict[tuple[float, bytes], tuple[np.ndarray, Ways, np.ndarray]] = field(
+        default_factory=dict
+    )
 
     def match(self, stamp: tuple) -> None:
         """Forget what was found for another eye or other glasses."""
@@ -87,21 +93,50 @@ class Follower:
         self._skin = CONTACT * float(np.linalg.norm(high - low))
         inside = (self.boxes[:, 0] < high - self._skin) & (self.boxes[:, 1] > low + self._skin)
         self._apart = not inside.all(axis=1).any()
+        self._rough = any(glass.roughness for _, placed in self.bands for glass in placed)
 
-    def ways(self, pixels: np.ndarray, places: np.ndarray) -> tuple[Ways, np.ndarray]:
+    @property
+    def fine_weight(self) -> float:
+        """Part of a ray's light that its ways must carry where a pixel has many rays."""
+        # The facets of rough glasses share out the light: of each way there are many.
+        return self.min_weight * (1.0 if self._rough else FINE)
+
+    def ways(
+        self, pixels: np.ndarray, places: np.ndarray, settled: np.ndarray | None = None
+    ) -> tuple[Ways, np.ndarray]:
         """Ways of rays through places (P, 2) of each pixel (N,), numbers rising, from its centre.
 
         Rays are numbered pixel by pixel. Those that meet no glass first have no way.
 
+        Parameters
+        ----------
+        settled : sorted `way_codes` of ways that are known and left out here; ways that carry less
+            than `fine_weight` are not followed then. None: all are followed.
+
         Returns
         -------
         ways : of all rays.
-        lost : (N · P,) the part of each ray's light that was not followed.
+        lost : (N · P,) the part of each ray's light that is not in them.
         """
+        least = self.min_weight if settled is None else self.fine_weight
         if not self._apart:
-            return self._traced(pixels, places, things=True)
-        ways, lost = self._kept(pixels, places)
-        return self._ended(ways, pixels, places), lost
+            ways, lost = self._traced(pixels, places, least, things=True)
+            return self._unsettled(ways, lost, pixels, places, settled)
+        ways, lost = self._kept(pixels, places, least)
+        seen = self._unhidden(ways, pixels, places)
+        ways = ways.take(np.flatnonzero(seen[ways.ray]))
+        ways, lost = self._unsettled(ways, lost * seen, pixels, places, settled)
+        return self._ended(ways), lost
+
+    def _unsettled(self, ways, lost, pixels, places, settled) -> tuple[Ways, np.ndarray]:
+        """The ways that are not settled; the light of the others counts as lost."""
+        if settled is None or not len(settled):
+            return ways, lost
+        codes = way_codes(pixels[ways.ray // len(places)], ways.path)
+        at = np.minimum(np.searchsorted(settled, codes), len(settled) - 1)
+        known = settled[at] == codes
+        lost = lost + np.bincount(ways.ray[known], ways.weight[known], len(lost))
+        return ways.take(np.flatnonzero(~known)), lost
 
     def _rays(self, pixels: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         width = self.view.size[0]
@@ -113,7 +148,7 @@ class Follower:
         return np.array(origins), np.array(directions)
 
     def _traced(
-        self, pixels: np.ndarray, places: np.ndarray, *, things: bool
+        self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
     ) -> tuple[Ways, np.ndarray]:
         origins, directions = self._rays(pixels, places)
         counters["exit_rays"] += len(origins)
@@ -123,7 +158,7 @@ class Follower:
                 placed,
                 origins,
                 directions,
-                min_weight=self.min_weight,
+                min_weight=least,
                 cast=self._cast if things else None,
                 things=self.boxes if things else None,
                 meet=self.meshes.meet if self.meshes else None,
@@ -149,13 +184,15 @@ class Follower:
             )
         return Ways.joined(parts), lost
 
-    def _kept(self, pixels: np.ndarray, places: np.ndarray) -> tuple[Ways, np.ndarray]:
+    def _kept(
+        self, pixels: np.ndarray, places: np.ndarray, least: float
+    ) -> tuple[Ways, np.ndarray]:
         """Ways without things, of which those that are not known are followed."""
-        count, key = len(places), places.tobytes()
+        count, key = len(places), (least, places.tobytes())
         known, ways, lost = self.kept.parts.get(key, (np.zeros(0, np.intp), None, np.zeros(0)))
         new = np.setdiff1d(pixels, known, assume_unique=True)
         if ways is None or len(new):
-            more, more_lost = self._traced(new, places, things=False)
+            more, more_lost = self._traced(new, places, least, things=False)
             known, ways, lost = _merged(known, ways, lost, new, more, more_lost, count)
             if self.kept.ways + len(ways) <= MOST_KEPT:
                 self.kept.parts[key] = known, ways, lost
@@ -170,30 +207,27 @@ class Follower:
         some.ray[:] = number[pixel[rows]] * count + ray[rows]
         return some, lost.reshape(-1, count)[chosen].ravel()
 
-    def _ended(self, ways: Ways, pixels: np.ndarray, places: np.ndarray) -> Ways:
-        """The ways up to the things that they meet, those of rays left out that meet one before."""
+    def _unhidden(self, ways: Ways, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """(N · P,) which rays that have ways meet no thing before the glasses."""
+        seen = np.zeros(len(pixels) * len(places), bool)
+        seen[ways.ray] = True
+        rays = np.flatnonzero(seen)
+        if len(rays):
+            origins, directions = self._rays(pixels, places)
+            origins, directions = origins[rays], _unit(directions[rays])
+            distance, _ = self.caster.cast(origins, directions)
+            seen[rays] = distance >= self._entry(origins, directions)
+        return seen
+
+    def _ended(self, ways: Ways) -> Ways:
+        """The ways up to the things that they meet."""
         if not len(ways):
             return ways
-        rays = np.unique(ways.ray)
-        origins, directions = self._rays(pixels, places)
-        seen, _ = self.caster.cast(origins[rays], _unit(directions[rays]))
-        hidden = np.zeros(len(origins), bool)
-        hidden[rays] = seen < self._entry(origins[rays], _unit(directions[rays]))
-        ways = ways.take(np.flatnonzero(~hidden[ways.ray]))
         # From a little before: a thing that touches the glass there is seen through a film of air.
         begin = ways.origin - self._skin * ways.direction
         distance, triangle = self._cast_through(begin, ways.direction)
         distance = np.maximum(distance - self._skin, 0.0)
-        return Ways(
-            ways.ray,
-            ways.path,
-            ways.weight,
-            ways.colour,
-            ways.origin,
-            ways.direction,
-            distance,
-            triangle,
-        )
+        return replace(ways, distance=distance, triangle=triangle)
 
     def _cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What rays meet; those that come from the eye have passed no glass and meet all things."""
@@ -238,6 +272,11 @@ class Follower:
         begin = (low + self._skin - origins) / along
         end = (high - self._skin - origins) / along
         return np.maximum(np.minimum(begin, end).max(axis=1), 0.0)
+
+
+def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """(K,) int64, the same for ways of a pixel through the same interfaces (a hash)."""
+    return path ^ (pixel.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)).view(np.int64)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

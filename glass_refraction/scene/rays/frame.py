@@ -7,7 +7,7 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,9 +16,8 @@ from ..read.glasses import Glass, as_body
 from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
 from .caster import Casters
-from .curtain import curtain
+from .curtain import curtain, looked_up
 from .exits import (
-    RAYS,
     PictureRays,
     centre_rays,
     ending,
@@ -28,6 +27,7 @@ from .exits import (
     neighbours,
     spacing,
     sun_light,
+    together,
 )
 from .follow import Band, Follower, Kept
 from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
@@ -45,6 +45,8 @@ NEAREST = 1e-3
 FAR, FARTHER = 1e3, 1.1
 """Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
 NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
+NOISIEST, MOST_NOISE = 2.0, 0.5
+"""Variance of what a view shows, over that of what the direct picture shows: see `_worth`."""
 MARGIN_PX = 2
 """Pixels round a glass's outline that are looked at too."""
 
@@ -244,20 +246,13 @@ def _followed(
     skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
-    rough = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)[pixels]
+    ends = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma)
     glint = Glints(beside.pixel, glints * coarse.ways.colour)
-    smooth = rough <= RAYS[0][1]
-    keep = smooth[coarse.ways.ray]
-    ways = coarse.ways.take(keep)
-    parts = [(replace(coarse, dark=coarse.dark * smooth, ways=ways), shown.take(keep))]
-    limits = [limit for _, limit in RAYS[1:]] + [np.inf]
-    for (count, least), most in zip(RAYS, limits, strict=True):
-        some = pixels[(rough > least) & (rough <= most)]
-        fine = finer_rays(some, count, sigma, follower)
-        parts.append((fine, show(scene, views, fine.ways)))
-    rays, shown = _together([part for part, _ in parts]), Shown.joined([s for _, s in parts])
+    kept, centre, finer = finer_rays(coarse, ends, sigma, follower)
+    shown = Shown.joined([shown.take(kept), show(scene, views, finer.ways)])
+    rays = together([centre, finer])
     return rays, shown, views, glint
 
 
@@ -338,21 +333,6 @@ def _labels(scene: Scene, ways: Ways) -> np.ndarray:
     return label
 
 
-def _together(parts: list[PictureRays]) -> PictureRays:
-    """Rays of several kinds of pixels, numbered one after another."""
-    starts = np.cumsum([0, *(len(part.pixel) for part in parts)])
-    ways = [
-        replace(part.ways, ray=part.ways.ray + start)
-        for part, start in zip(parts, starts[:-1], strict=True)
-    ]
-    return PictureRays(
-        np.concatenate([part.pixel for part in parts]),
-        np.concatenate([part.share for part in parts]),
-        np.concatenate([part.dark for part in parts]),
-        Ways.joined(ways),
-    )
-
-
 def _summed(
     frame: FrameInput,
     scene: Scene,
@@ -379,7 +359,7 @@ def _summed(
     covering = np.bincount(pixel, share * ways.weight, width * height)
     covering += np.bincount(dark_pixel, rays.share[dark] * rays.dark[dark], width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
-    samples, parts, alphas, reports = [], [], [], []
+    samples, parts, alphas, reports, curtains = [], [], [], [], []
     skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
     for number, view in enumerate(views):
         some = np.flatnonzero(shown.view == number)
@@ -392,10 +372,16 @@ def _summed(
         flat[: len(order), :3] = (ways.weight[order] * share[order])[:, None]
         parts.append(part)
         alphas.append(alpha)
-        worth = _worth(pixel[order], ways.weight[order] * share[order])
-        count = frame.samples if number == 0 else max(1, int(np.ceil(worth * frame.samples)))
+        count, hidden = 1, NO_CURTAIN
+        if view is not None and number:
+            used = looked_up(view, shown.pixels[some])
+            hidden = curtain(view, used)
+            worth = _worth(pixel[order], ways.weight[order] * share[order], covering.sum())
+            count = max(1, int(np.ceil(worth * frame.samples)))
         samples.append(count)
+        curtains.append(hidden)
         if view is not None:
+            count = count if number else frame.samples
             name = f"capture {number}" if number else "direct"
             name = f"sky {skies.index(number) + 1}" if view.sky_only else name
             carried = float(ways.weight[order].sum() / light) if light > 0.0 else 0.0
@@ -409,11 +395,7 @@ def _summed(
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
         far=tuple(_far(frame.things, view) for view in views[1:]),
-        curtains=tuple(
-            NO_CURTAIN if view is None else curtain(view, shown.pixels[shown.view == number])
-            for number, view in enumerate(views)
-            if number
-        ),
+        curtains=tuple(curtains[1:]),
         views=tuple(parts),
         alphas=tuple(alphas),
         spread=packed.spread((width, height)),
@@ -437,12 +419,18 @@ def _far(things: Things, view: RadianceView | None) -> float:
     return float(max(FARTHER * np.linalg.norm(corners - view.eye, axis=1).max(), 2.0 * view.near))
 
 
-def _worth(pixel: np.ndarray, weight: np.ndarray) -> float:
-    """What a view's samples weigh in a pixel, the mean by that weight: what its noise counts."""
+def _worth(pixel: np.ndarray, weight: np.ndarray, covered: float) -> float:
+    """How many samples a view needs, over the direct picture's.
+
+    With s a pixel's light from the view, n samples leave noise of s² / n in it. That shall be at
+    most `NOISIEST` times s over the direct picture's samples, the mean by light, and over all that
+    glasses cover at most `MOST_NOISE` times what as many pixels of the direct picture have.
+    """
     if not len(pixel):
         return 0.0
     sums = np.bincount(pixel, weight)
-    return float((sums**2).sum() / sums.sum())
+    squares = float((sums**2).sum())
+    return max(squares / (NOISIEST * sums.sum()), squares / (MOST_NOISE * covered))
 
 
 def _window_pixels(pixel: np.ndarray, view: Viewpoint) -> np.ndarray:

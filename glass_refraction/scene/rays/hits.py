@@ -73,6 +73,10 @@ class Ways:
         """Some of them."""
         return Ways(*(part[which] for part in vars(self).values()))
 
+    def scaled(self, factor: np.ndarray) -> Ways:
+        """The same with other weights: times a factor (K,)."""
+        return replace(self, weight=self.weight * factor, colour=self.colour * factor[:, None])
+
     @staticmethod
     def joined(parts: list[Ways]) -> Ways:
         """All of several bundles, whose rays are numbered together."""

@@ -14,8 +14,8 @@ from ..read.arrays import write_image
 from .samples import LEVELS, Packed
 
 _VALUES = "refractive_glass_values"
-SPLINE_REACH = 8
-"""Pixels on either side in the kernel that undoes a spline's blur: 1e-4 is left beyond."""
+SPLINE_REACH = 6
+"""Pixels on either side in the kernel that undoes a spline's blur: 5e-4 is left beyond."""
 
 
 def spline_inverse(half: int = SPLINE_REACH) -> np.ndarray:
@@ -29,6 +29,21 @@ def spline_inverse(half: int = SPLINE_REACH) -> np.ndarray:
     # Even, so its spectrum is real; and above zero.
     spectrum = np.fft.fft(np.fft.ifftshift(spline)).real
     return np.fft.fftshift(np.fft.ifft(1.0 / spectrum).real)
+
+
+def border_factors(size: tuple[int, int]) -> np.ndarray:
+    """By what a picture is multiplied that `spline_inverse` was applied to: (height, width, 4).
+
+    Near the border some of the kernel lies beyond, where it finds nothing: a white picture stays
+    white so.
+    """
+    kernel = spline_inverse()
+    kernel /= kernel.sum()
+    out = np.ones((size[1], size[0], 4), np.float32)
+    for axis, length in enumerate(size):
+        within = 1.0 / np.convolve(np.ones(length), kernel)[SPLINE_REACH : SPLINE_REACH + length]
+        out[..., :3] *= within[:, None] if axis == 0 else within[:, None, None]
+    return out
 
 
 @dataclass(frozen=True)
@@ -152,12 +167,9 @@ class SumTree(NodeSums):
     def _sharpened(self, view: Outputs):
         """A view such that a B-spline of it goes through its pixels.
 
-        Beyond the picture's border the convolution finds nothing: it is divided by what it finds
-        of a white picture.
+        Beyond the picture's border the convolution finds nothing: that is made up for.
         """
-        white = self._math("ADD", self._math("MULTIPLY", view.alpha, 0.0), 1.0)
-        there = self._math("DIVIDE", 1.0, self._convolved(white))
-        return self._scaled(self._convolved(view.image), there)
+        return self._scaled(self._convolved(view.image), self._split(self._picture("border")))
 
     def _convolved(self, image):
         node = self._node("CompositorNodeConvolve")

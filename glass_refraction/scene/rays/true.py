@@ -35,7 +35,7 @@ from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
 from .samples import LEVELS
 from .sky import sky_of
-from .sum_tree import Pictures, SumTree, write_kernels
+from .sum_tree import Pictures, SumTree, border_factors, write_kernels
 from .things import read_things
 from .views import RadianceView
 
@@ -286,6 +286,8 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
     for name in ("spread", "beside", "known"):
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
+    height, width = result.spread.shape[:2]
+    pictures.write(border_factors((width, height)), "border")
     _match_views(scene, views)
     settings = zip(views, result.cameras, result.samples, result.far, result.curtains, strict=True)
     for view, camera, samples, far, curtain in settings:

@@ -10,9 +10,10 @@ import scenes
 
 from glass_refraction import optics
 from glass_refraction.scene.rays.exits import (
-    TURNS,
+    LATTICE,
     PictureRays,
     _bell_means,
+    _lattice,
     centre_rays,
     ending,
     filter_sigma,
@@ -143,18 +144,13 @@ def test_finer_rays_lie_in_their_pixels_and_share_it():
     np.testing.assert_allclose(middle, 0.5, atol=1e-9)
 
 
-@pytest.mark.parametrize("count", TURNS)
+@pytest.mark.parametrize("count", LATTICE)
 def test_an_edge_along_a_row_or_column_is_told_to_a_ray(count):
     """Whatever part of the filter lies beyond an edge, the rays beyond it are as many."""
-    sigma = 0.4
-    view = view_of()
-    rays = finer_rays(np.array([1000]), count, sigma, Following(view, straight))
-    slope = rays.ways.direction[:, :2] / -rays.ways.direction[:, 2:]
-    places = (slope * 1.5 * (1.0, SIZE[0] / SIZE[1]) + 1.0) * 0.5 * SIZE
-    off = (places - (1000 % SIZE[0] + 0.5, 1000 // SIZE[0] + 0.5)) / sigma
+    places = _lattice(count)
     for edge in np.linspace(-2.5, 2.5, 41):
         beyond = 1.0 - NormalDist().cdf(edge)
-        np.testing.assert_allclose((off > edge).mean(axis=0), beyond, atol=1.0 / count)
+        np.testing.assert_allclose((places > edge).mean(axis=0), beyond, atol=1.0 / count)
 
 
 def test_rays_of_which_no_way_was_followed_are_dark_and_cover_their_pixel():
