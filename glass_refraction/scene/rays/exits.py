@@ -15,7 +15,7 @@ from .lamps import Sun
 FINER = ((4, 0.03), (6, 0.2), (12, 0.58))
 """Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
 FINER_IF_BLACK = (*FINER[:2], (28, FINER[2][1]))
-"""The same where total reflection is black: edges have all the contrast there is, and rays one way."""
+"""The same where total reflection is black: edges are harder there, and each ray has one way."""
 STEADY = 0.01
 """Part of a pixel's light: a way of which less ends is well shown by the pixel's centre."""
 STEADY_PX = 1.5
