@@ -16,7 +16,7 @@ from ..scene.names import TAG, RefractiveGlassError, own
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
 from ..scene.read.mesh_glasses import CLEAR, MeshGlass
 from ..scene.read.modifier_inputs import read_input, write_input
-from ..scene.read.viewpoint import samples_setting
+from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .glass_mesh import Surface, glass_surfaces
 from .picture import render_picture
 
@@ -43,8 +43,9 @@ def render_reference(
     """Render the scene's current frame in Cycles with its glasses as real meshes.
 
     Camera, world, lights, resolution, border, pixel filter and film are the scene's own. Bounces
-    suffice for glass, caustics are on; clamping and adaptive sampling are off. The scene itself,
-    the selection and all data-blocks are left as they were.
+    suffice for glass, caustics are on; adaptive sampling is off. Samples are clamped as the scene's
+    own engine clamps them. The scene itself, the selection and all data-blocks are left as they
+    were.
 
     Parameters
     ----------
@@ -242,7 +243,7 @@ def _set_up_cycles(
     cycles.use_sample_subset = False
     cycles.time_limit = 0.0
     cycles.use_layer_samples = "IGNORE"
-    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    cycles.sample_clamp_direct, cycles.sample_clamp_indirect = clamp_settings(scene)
     cycles.blur_glossy = 0.0
     cycles.caustics_reflective = cycles.caustics_refractive = True
     # Diffuse light must not gain bounces from the limit that is raised for the glass.

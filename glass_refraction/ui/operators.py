@@ -345,7 +345,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             except ValueError as error:
                 return f'"{obj.name}": {error}'
             if not self.properties.is_property_set("ior"):
-                self.ior = interface_of(evaluated, self.ior).ior
+                self.ior = interface_of(evaluated, depsgraph, self.ior).ior
         self._take_size(obj)
         self.take_media()
         problem = self.problem()

@@ -12,7 +12,7 @@ from bpy.app.translations import pgettext_iface as _iface
 from ..scene import update as door
 from ..scene.names import own
 from ..scene.read.glasses import glass_modifier
-from ..scene.read.mesh_glasses import named_by, open_edges
+from ..scene.read.mesh_glasses import glassy_materials, open_edges
 from ..scene.read.modifier_inputs import read_input, value_place
 from . import bake
 from .lines import draw_lines

@@ -11,6 +11,7 @@ import numpy as np
 from .follow import Follower
 from .hits import Shown, Ways
 from .lamps import Sun
+from .radiance import UNLIMITED, Clamp
 
 SIDES = ((2, 0.03), (3, 0.2), (5, 0.6))
 """Rays along either axis of a pixel in which ways end, by the part of the light that ends there."""
@@ -108,6 +109,7 @@ def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:
         ways.direction,
         ways.distance,
         ways.triangle,
+        ways.events,
     )
 
 
@@ -201,7 +203,11 @@ def ending(
 
 
 def sun_light(
-    rays: PictureRays, beside: Neighbours, suns: tuple[Sun, ...], sigma: float
+    rays: PictureRays,
+    beside: Neighbours,
+    suns: tuple[Sun, ...],
+    sigma: float,
+    clamp: Clamp = UNLIMITED,
 ) -> np.ndarray:
     """(K, 3) radiance of the suns along the ways of one ray a pixel, as the pixel filter sees it.
 
@@ -226,7 +232,7 @@ def sun_light(
             if len(some):
                 axes = [slope[some] for slope in slopes]
                 part = seen(sun, ways.direction[sky[some]], *axes)
-                out[sky[some]] += part[:, None] * np.array(sun.radiance)
+                out[sky[some]] += part[:, None] * clamp.limited(sun.radiance, ways.take(sky[some]))
     return out
 
 

@@ -145,6 +145,7 @@ class Follower:
                     ends.direction[met],
                     ends.distance[met],
                     ends.thing[met],
+                    ends.events[met],
                 )
             )
         return Ways.joined(parts), lost
@@ -193,6 +194,7 @@ class Follower:
             ways.direction,
             distance,
             triangle,
+            ways.events,
         )
 
     def _cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

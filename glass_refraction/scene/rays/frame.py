@@ -32,7 +32,7 @@ from .exits import (
 from .follow import Band, Follower, Kept
 from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
 from .meshes import GlassMeshes
-from .radiance import Sky, known_light, stand_ins
+from .radiance import Clamp, Sky, known_light, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .things import Things
 from .views import RadianceView, direct_view
@@ -60,6 +60,7 @@ class FrameInput:
     engine, filter_size : of the user's render. samples : a pixel, of the direct picture.
     captures : captures at most. min_weight : part of a ray's light that ways must carry.
     fresnel : surfaces mirror and refract; else they only refract.
+    clamp : of the light of lamps and of the sky.
     seen_through : names of what is seen through the glasses; None: all.
     """
 
@@ -76,6 +77,7 @@ class FrameInput:
     captures: int
     min_weight: float
     fresnel: bool
+    clamp: Clamp
     seen_through: frozenset[str] | None = None
 
 
@@ -243,7 +245,7 @@ def _followed(
     shown = show(scene, views, coarse.ways)
     rough = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)[pixels]
     sigma = filter_sigma(frame.engine, frame.filter_size)
-    glints = sun_light(coarse, beside, frame.sky.suns, sigma)
+    glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
     glint = Glints(beside.pixel, glints * coarse.ways.colour)
     keep = (rough <= SIDES[0][1])[coarse.ways.ray]
     parts = [(PictureRays(coarse.pixel, coarse.share, coarse.ways.take(keep)), shown.take(keep))]
@@ -361,7 +363,8 @@ def _summed(
     unseen = float(ways.weight[shown.view == UNSEEN].sum() / light) if light > 0.0 else 0.0
     told = shown
     shown, guessed = stand_ins(scene.things, ways, shown)
-    radiance = known_light(scene.things, scene.normals, frame.sky, ways, told)
+    known = known_light(scene.things, scene.normals, frame.sky, ways, told)
+    radiance = frame.clamp.limited(known, ways)
     radiance += guessed
     share = rays.share[ways.ray]
     pixel = _window_pixels(rays.pixel[ways.ray], frame.view)

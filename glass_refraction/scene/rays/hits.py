@@ -51,6 +51,7 @@ class Ways:
     origin, direction : (K, 3), world; the direction leads away from the eye.
     distance : (K,) metres to what is met; infinite: the sky.
     triangle : (K,) of the things; −1: none.
+    events : (K,) interfaces at which they were refracted or reflected.
     """
 
     ray: np.ndarray
@@ -61,6 +62,7 @@ class Ways:
     direction: np.ndarray
     distance: np.ndarray
     triangle: np.ndarray
+    events: np.ndarray
 
     def __len__(self) -> int:
         return len(self.ray)

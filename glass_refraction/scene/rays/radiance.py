@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .hits import KNOWN, UNSEEN, Shown, Ways
 from .lamps import Sun
@@ -16,6 +17,36 @@ COMPARED = 400
 """Hits of one surface among which the nearest is looked for, for one that no view shows."""
 BLOCK = 4096
 """Hits compared at a time."""
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Most light of one sample, as the user's engine has it: the mean of red, green and blue.
+
+    An engine follows one way of a sample and finds the light undimmed by Fresnel's laws: a sun's
+    image in a glass is in few samples, and as bright as the sun. So it is the light along a whole
+    way that is limited, not what the way brings to a pixel.
+
+    Attributes
+    ----------
+    direct : of ways with one event, such as a lamp's mirror image. indirect : of all others.
+        0: no limit.
+    """
+
+    direct: float = 0.0
+    indirect: float = 0.0
+
+    def limited(self, radiance: ArrayLike, ways: Ways) -> np.ndarray:
+        """Radiances (3,) or (K, 3) along ways, of which none is above its limit, (K, 3)."""
+        light = np.broadcast_to(np.asarray(radiance, float), (len(ways), 3))
+        tint = ways.colour / np.where(ways.weight > 0.0, ways.weight, 1.0)[:, None]
+        most = np.where(ways.events > 1, self.indirect, self.direct)
+        found = (np.abs(light) * tint).mean(axis=1)
+        over = (most > 0.0) & (found > most)
+        return light * np.where(over, most / np.where(over, found, 1.0), 1.0)[:, None]
+
+
+UNLIMITED = Clamp()
 
 
 @dataclass(frozen=True)

@@ -25,14 +25,20 @@ from ..names import TAG, hidden_name, own
 from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
 from ..read.modifier_inputs import read_input
-from ..read.viewpoint import Viewpoint, border_window, render_size, samples_setting
+from ..read.viewpoint import (
+    Viewpoint,
+    border_window,
+    clamp_settings,
+    render_size,
+    samples_setting,
+)
 from ..read.visibility import rendered_layer
 from .caster import Casters, fill_cast_collection
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
-from .radiance import sky_of
+from .radiance import Clamp, sky_of
 from .samples import LEVELS
 from .sum_tree import Pictures, SumTree, write_kernels
 from .things import read_things
@@ -239,6 +245,7 @@ def _read(
         captures=settings.captures,
         min_weight=settings.min_weight,
         fresnel=settings.surface == "GLASS",
+        clamp=Clamp(*clamp_settings(scene)),
         seen_through=_seen_through(scene, problems),
     )
 
