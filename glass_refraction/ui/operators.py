@@ -314,10 +314,11 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
         elif glass_modifier(obj) is not None:
             problem = _rpt('"{}" is a refractive glass already').format(obj.name)
         else:
-            evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+            depsgraph = context.evaluated_depsgraph_get()
+            evaluated = obj.evaluated_get(depsgraph)
             if not self.properties.is_property_set("shape"):
                 self.shape = "SLAB" if _is_flat(evaluated) else "MESH"
-            problem = self._problem_of(obj, evaluated)
+            problem = self._problem_of(obj, depsgraph)
         if problem is not None:
             self.report({"ERROR"}, problem)
             return {"CANCELLED"}
@@ -333,8 +334,9 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
         show_first_glass(context)
         return {"FINISHED"}
 
-    def _problem_of(self, obj: bpy.types.Object, evaluated: bpy.types.Object) -> str | None:
+    def _problem_of(self, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> str | None:
         """What keeps the object from being a glass of the shape; takes size and ior where not."""
+        evaluated = obj.evaluated_get(depsgraph)
         if self.shape == "SLAB" and not _is_flat(obj):
             return _rpt(
                 '"{}" is not flat: a slab takes a flat mesh with a face as its outline'
@@ -345,7 +347,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             except ValueError as error:
                 return f'"{obj.name}": {error}'
             if not self.properties.is_property_set("ior"):
-                self.ior = interface_of(evaluated, depsgraph, self.ior).ior
+                self.ior = interface_of(obj, depsgraph, self.ior).ior
         self._take_size(obj)
         self.take_media()
         problem = self.problem()

@@ -110,6 +110,7 @@ def _with_lost(ways: Ways, lost: np.ndarray) -> Ways:
         ways.distance,
         ways.triangle,
         ways.events,
+        ways.rough,
     )
 
 
@@ -232,7 +233,7 @@ def sun_light(
             if len(some):
                 axes = [slope[some] for slope in slopes]
                 part = seen(sun, ways.direction[sky[some]], *axes)
-                out[sky[some]] += part[:, None] * clamp.limited(sun.radiance, ways.take(sky[some]))
+                out[sky[some]] += clamp.limited(sun.radiance, ways.take(sky[some]), part)
     return out
 
 

@@ -146,6 +146,7 @@ class Follower:
                     ends.distance[met],
                     ends.thing[met],
                     ends.events[met],
+                    ends.rough[met],
                 )
             )
         return Ways.joined(parts), lost
@@ -195,6 +196,7 @@ class Follower:
             distance,
             triangle,
             ways.events,
+            ways.rough,
         )
 
     def _cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

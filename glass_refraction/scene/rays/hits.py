@@ -52,6 +52,7 @@ class Ways:
     distance : (K,) metres to what is met; infinite: the sky.
     triangle : (K,) of the things; −1: none.
     events : (K,) interfaces at which they were refracted or reflected.
+    rough : (K,) bool, whether one of these was a rough one's facet.
     """
 
     ray: np.ndarray
@@ -63,6 +64,7 @@ class Ways:
     distance: np.ndarray
     triangle: np.ndarray
     events: np.ndarray
+    rough: np.ndarray
 
     def __len__(self) -> int:
         return len(self.ray)

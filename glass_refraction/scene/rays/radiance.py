@@ -36,14 +36,18 @@ class Clamp:
     direct: float = 0.0
     indirect: float = 0.0
 
-    def limited(self, radiance: ArrayLike, ways: Ways) -> np.ndarray:
-        """Radiances (3,) or (K, 3) along ways, of which none is above its limit, (K, 3)."""
+    def limited(self, radiance: ArrayLike, ways: Ways, part: ArrayLike = 1.0) -> np.ndarray:
+        """Light (K, 3) of radiances (3,) or (K, 3) along ways, of which none is above its limit.
+
+        ``part``: (K,) of a way's light that is of that radiance. Behind a sharp surface few samples
+        find a small lamp and many do not. A rough one gathers it in each sample, by its part.
+        """
         light = np.broadcast_to(np.asarray(radiance, float), (len(ways), 3))
         tint = ways.colour / np.where(ways.weight > 0.0, ways.weight, 1.0)[:, None]
         most = np.where(ways.events > 1, self.indirect, self.direct)
-        found = (np.abs(light) * tint).mean(axis=1)
+        found = (np.abs(light) * tint).mean(axis=1) * np.where(ways.rough, part, 1.0)
         over = (most > 0.0) & (found > most)
-        return light * np.where(over, most / np.where(over, found, 1.0), 1.0)[:, None]
+        return light * (part * np.where(over, most / np.where(over, found, 1.0), 1.0))[:, None]
 
 
 UNLIMITED = Clamp()

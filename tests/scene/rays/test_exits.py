@@ -42,6 +42,7 @@ def sky_ways(ray, direction, weight=None, path=None):
     return Ways(
         ray, path, weight, np.repeat(weight[:, None], 3, axis=1), np.zeros((count, 3)), direction,
         np.full(count, np.inf), np.full(count, -1), np.full(count, 2),
+        np.zeros(count, bool),
     )  # fmt: skip
 
 
