@@ -178,15 +178,17 @@ def material_interface(material: bpy.types.Material | None) -> Interface | None:
     It is read of a Glass or Refraction BSDF, or a Principled BSDF with transmission, that leads to
     the surface. Inputs with links count as they would without.
     """
+    node = interface_node(material)
+    return None if node is None else _READERS[node.type](node)
+
+
+def interface_node(material: bpy.types.Material | None) -> bpy.types.ShaderNode | None:
+    """The node of a material that says what a glass is, see `material_interface`."""
     if material is None or material.node_tree is None or own(material, "glass"):
         return None
-    for node in material.node_tree.nodes:
-        if node.type not in _READERS or not any(o.is_linked for o in node.outputs):
-            continue
-        found = _READERS[node.type](node)
-        if found is not None:
-            return found
-    return None
+    shaders = (node for node in material.node_tree.nodes if node.type in _READERS)
+    linked = (node for node in shaders if any(output.is_linked for output in node.outputs))
+    return next((node for node in linked if _READERS[node.type](node) is not None), None)
 
 
 def _value(node, name: str) -> float:
