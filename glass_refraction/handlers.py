@@ -17,7 +17,7 @@ import threading
 import bpy
 from bpy.app.handlers import persistent
 
-from .scene import changes
+from .scene import changes, material_link
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
@@ -115,6 +115,7 @@ def _on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph)
     changes.note(scene, depsgraph)
     if _rendering:
         return
+    material_link.follow(depsgraph)
     if _is_echo(depsgraph):
         return
     # Only what the optics can depend on: an own data-block's change is no news.
@@ -208,6 +209,12 @@ def _on_data_replaced(*_) -> None:
     _request_all()
 
 
+@persistent
+def _on_load(*_) -> None:
+    material_link.remember()
+    _on_data_replaced()
+
+
 def _request_all() -> None:
     """Ask for all scenes: files do not hold what is made again, and nothing in them has changed."""
     for scene in bpy.data.scenes:
@@ -252,7 +259,7 @@ _TABLE = (
     ("redo_pre", _before_data_replaced),
     ("undo_post", _on_data_replaced),
     ("redo_post", _on_data_replaced),
-    ("load_post", _on_data_replaced),
+    ("load_post", _on_load),
     ("save_pre", _on_save),
     ("save_post", _on_saved),
     ("save_post_fail", _on_saved),

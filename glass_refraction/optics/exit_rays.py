@@ -62,6 +62,8 @@ class ExitRays:
         Number of the thing seen, as `cast` has it, -1 for none.
     events : (K,) int
         Interfaces at which the ray was refracted or reflected.
+    rough : (K,) bool
+        Whether it met a facet of a rough glass.
     path : (K,) int64
         The same for rays with the same sequence of (glass, interface, refracted or reflected), 0
         for none; comparable between calls with the same list of glasses. It is a hash: two
@@ -81,6 +83,7 @@ class ExitRays:
     distance: Floats
     thing: NDArray[np.intp]
     events: NDArray[np.intp]
+    rough: NDArray[np.bool_]
     path: NDArray[np.int64]
     lost: Floats
     steps: int
@@ -770,6 +773,7 @@ def exit_rays(
         distance=distance[order],
         thing=ends.thing.astype(np.intp),
         events=ends.events.astype(np.intp),
+        rough=ends.facet >= 0,
         path=ends.path.view(np.int64),
         lost=lost,
         steps=followed.steps,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -16,7 +17,7 @@ from ..scene.names import TAG, RefractiveGlassError, own
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
 from ..scene.read.mesh_glasses import CLEAR, MeshGlass
 from ..scene.read.modifier_inputs import read_input, write_input
-from ..scene.read.viewpoint import samples_setting
+from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .glass_mesh import Surface, glass_surfaces
 from .picture import render_picture
 
@@ -28,6 +29,15 @@ SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefract
 # Light that runs round inside a wall dies off by Fresnel's losses, not by the number of bounces:
 # with 64, one path in 16,000 through a filled cup went dark.
 _BOUNCES = 256
+
+
+@dataclass(frozen=True)
+class _Style:
+    """How all glasses are rendered: see `render_reference`. ``rough``: any of them is."""
+
+    surface: str
+    shadows: bool
+    rough: bool
 
 
 def render_reference(
@@ -43,8 +53,9 @@ def render_reference(
     """Render the scene's current frame in Cycles with its glasses as real meshes.
 
     Camera, world, lights, resolution, border, pixel filter and film are the scene's own. Bounces
-    suffice for glass, caustics are on; clamping and adaptive sampling are off. The scene itself,
-    the selection and all data-blocks are left as they were.
+    suffice for glass, caustics are on; adaptive sampling is off. Samples are clamped as the scene's
+    own engine clamps them. The scene itself, the selection and all data-blocks are left as they
+    were.
 
     Parameters
     ----------
@@ -90,6 +101,8 @@ def render_reference(
             denoised=denoised,
         )
     closed, meshes = _objects(glasses)
+    rough = any(mesh.description.roughness > 0.0 for mesh in meshes.values())
+    style = _Style(surface, glass_shadows, rough)
     with _reference_scene(scene) as reference, ExitStack() as temporary:
         for obj in closed:
             _set(temporary, obj, "hide_render", True)
@@ -97,11 +110,11 @@ def render_reference(
         reference.cycles.use_denoising = denoised
         materials: dict[tuple, bpy.types.Material] = {}
         for obj, glass in meshes.items():
-            _show_mesh(obj, glass, surface, glass_shadows, materials, temporary)
+            _show_mesh(obj, glass, style, materials, temporary)
         for glass in glasses:
             if isinstance(glass.description, MeshGlass):
                 continue
-            obj = _glass_object(glass, surface, glass_shadows, materials, temporary)
+            obj = _glass_object(glass, style, materials, temporary)
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
             reference.collection.objects.link(obj)
         return render_picture(reference)
@@ -136,8 +149,7 @@ def _set(temporary: ExitStack, owner, name: str, value) -> None:
 def _show_mesh(
     obj: bpy.types.Object,
     glass: Glass,
-    surface: str,
-    glass_shadows: bool,
+    style: _Style,
     materials: dict[tuple, bpy.types.Material],
     temporary: ExitStack,
 ) -> None:
@@ -150,7 +162,7 @@ def _show_mesh(
     absorption = glass.absorption if glass.is_tinted else (None, None)
     kind = (mesh.ior, *absorption, mesh.roughness, mesh.refracted)
     if kind not in materials:
-        materials[kind] = _glass_material(surface, glass_shadows, *kind)
+        materials[kind] = _glass_material(style, *kind)
         temporary.callback(bpy.data.materials.remove, materials[kind])
     if not obj.material_slots:
         obj.data.materials.append(materials[kind])
@@ -158,8 +170,8 @@ def _show_mesh(
     for slot in obj.material_slots:
         _set(temporary, slot, "link", "OBJECT")
         _set(temporary, slot, "material", materials[kind])
-    _set(temporary, obj, "visible_shadow", glass_shadows)
-    _set(temporary, obj, "visible_diffuse", glass_shadows)
+    _set(temporary, obj, "visible_shadow", style.shadows)
+    _set(temporary, obj, "visible_diffuse", style.shadows)
 
 
 def _dispersed(scene: bpy.types.Scene, glasses: Sequence[Glass], **settings) -> np.ndarray:
@@ -242,7 +254,7 @@ def _set_up_cycles(
     cycles.use_sample_subset = False
     cycles.time_limit = 0.0
     cycles.use_layer_samples = "IGNORE"
-    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    cycles.sample_clamp_direct, cycles.sample_clamp_indirect = clamp_settings(scene)
     cycles.blur_glossy = 0.0
     cycles.caustics_reflective = cycles.caustics_refractive = True
     # Diffuse light must not gain bounces from the limit that is raised for the glass.
@@ -257,8 +269,7 @@ def _set_up_cycles(
 
 def _glass_object(
     glass: Glass,
-    surface: str,
-    glass_shadows: bool,
+    style: _Style,
     materials: dict[tuple, bpy.types.Material],
     temporary: ExitStack,
 ) -> bpy.types.Object:
@@ -272,7 +283,7 @@ def _glass_object(
     kinds = [_kind(glass, interface) for interface in surfaces]
     for kind in kinds:
         if kind not in materials:
-            materials[kind] = _glass_material(surface, glass_shadows, *kind)
+            materials[kind] = _glass_material(style, *kind)
             temporary.callback(bpy.data.materials.remove, materials[kind])
         if kind not in slots:
             slots[kind] = len(slots)
@@ -346,8 +357,7 @@ def _fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
 
 
 def _glass_material(
-    surface: str,
-    glass_shadows: bool,
+    style: _Style,
     eta: float,
     before: tuple | None,
     behind: tuple | None,
@@ -359,29 +369,37 @@ def _glass_material(
     ``before`` and ``behind`` are the absorption coefficients (red, green, blue, per metre) of the
     media at its front and back, or None: what a ray lost on its way to the surface, it loses there.
     """
-    material = bpy.data.materials.new(f"{surface.title()} {eta:g} {ROLE}")
+    material = bpy.data.materials.new(f"{style.surface.title()} {eta:g} {ROLE}")
     material[TAG] = ROLE
     tree = material.node_tree
     tree.nodes.clear()
-    shader = tree.nodes.new(SURFACES[surface])
+    shader = tree.nodes.new(SURFACES[style.surface])
     shader.inputs["Color"].default_value = (*colour, 1.0)
     shader.inputs["Roughness"].default_value = roughness
     shader.inputs["IOR"].default_value = eta
     if before is not None:
         tree.links.new(_left_over(tree, before, behind, colour), shader.inputs["Color"])
     output = tree.nodes.new("ShaderNodeOutputMaterial")
-    if glass_shadows:
+    if style.shadows:
         tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
         return material
     # Light that a rough surface gathers must pass the glass unbent: bent, it would find lamps
     # that the surface has already counted through the glass that casts no shadow.
-    ray = tree.nodes.new("ShaderNodeLightPath")
-    meets = tree.nodes.new("ShaderNodeMath")
-    meets.operation = "MAXIMUM"
-    tree.links.new(ray.outputs["Is Camera Ray"], meets.inputs[0])
-    tree.links.new(ray.outputs["Is Singular Ray"], meets.inputs[1])
+    ray = tree.nodes.new("ShaderNodeLightPath").outputs
+    meets = math_node(tree, "MAXIMUM", ray["Is Camera Ray"], ray["Is Singular Ray"])
+    if style.rough:
+        # No ray is singular behind a rough surface. Those that a glass has let through or mirrored
+        # within meet it, but not those of a matt or rough thing, which come from outside.
+        back = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
+        bent = math_node(tree, "LESS_THAN", ray["Transparent Depth"], 0.5)
+        within = math_node(tree, "MULTIPLY", back, bent)
+        kept = math_node(tree, "MAXIMUM", ray["Is Transmission Ray"], within)
+        for name, operation in (("Transmission", "GREATER_THAN"), ("Diffuse", "LESS_THAN")):
+            counted = math_node(tree, operation, ray[f"{name} Depth"], 0.5)
+            kept = math_node(tree, "MULTIPLY", kept, counted)
+        meets = math_node(tree, "MAXIMUM", meets, kept)
     mix = tree.nodes.new("ShaderNodeMixShader")
-    tree.links.new(meets.outputs[0], mix.inputs[0])
+    tree.links.new(meets, mix.inputs[0])
     tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
     tree.links.new(shader.outputs["BSDF"], mix.inputs[2])
     tree.links.new(mix.outputs[0], output.inputs["Surface"])

@@ -16,6 +16,9 @@ OCCLUDER_GROUP = "Refractive Glass Occluder"
 
 NODE_GROUPS = Path(__file__).resolve().parents[2] / "node_groups" / "refractive_glass.blend"
 
+NEWEST_SHAPE = "Mesh"
+"""Of the glass's modifier: a file that an older version saved has a group without it."""
+
 
 def own(data_block: bpy.types.ID | None, role: str | None = None) -> bool:
     """Whether the extension made this data-block (in that role, if one is given)."""
@@ -34,10 +37,17 @@ class RefractiveGlassError(Exception):
     """Bad input: one clear line that names the object and the remedy."""
 
 
+def _is_current(group: bpy.types.NodeTree, name: str) -> bool:
+    """Whether a group that a file brings along can do all that the extension's own can."""
+    menus = (node.enum_items for node in group.nodes if node.type == "MENU_SWITCH")
+    return name != MODIFIER or any(NEWEST_SHAPE in items for items in menus)
+
+
 def load_group(name: str) -> bpy.types.NodeTree:
     """The node group of that name, taken from the extension's file when it is not there yet."""
     for group in bpy.data.node_groups:
-        if own(group) and group.library is None and group.name.lstrip(".").split(".")[0] == name:
+        known = group.name.lstrip(".").split(".")[0] == name
+        if own(group) and group.library is None and known and _is_current(group, name):
             return group
     with bpy.data.libraries.load(str(NODE_GROUPS)) as (available, wanted):
         wanted.node_groups = [n for n in available.node_groups if n == name]

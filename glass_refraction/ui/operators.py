@@ -17,9 +17,16 @@ from ..scene.build.materials import glass_material
 from ..scene.names import MODIFIER, RefractiveGlassError, load_group, own
 from ..scene.read.arrays import positions
 from ..scene.read.glasses import glass_modifier
-from ..scene.read.mesh_glasses import interface_of, open_edges, triangles_of
+from ..scene.read.lathe import Lathe, lathe_of
+from ..scene.read.mesh_glasses import (
+    glassy_materials,
+    interface_of,
+    open_edges,
+    triangles_of,
+)
 from ..scene.read.modifier_inputs import write_input
-from ..scene.read.profile_curves import wine_profile
+from ..scene.read.orientation import orientation_of, turn_all, turn_outwards
+from ..scene.read.profile_curves import turned_profile, wine_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 from .overlay import show_first_glass
 
@@ -103,7 +110,8 @@ class GlassProperties:
     profile: bpy.props.StringProperty(
         name="Profile",
         description="Name of the curve object that is turned: x is the radius, z the height; its "
-        "first spline is the outside, its second the inside. Empty: a wine glass is made",
+        "first spline is the outside, its second the inside. Empty: that of the mesh where it is a "
+        "turned body, else a wine glass is made",
     )
     ior: bpy.props.FloatProperty(
         name="IOR",
@@ -188,8 +196,10 @@ class GlassProperties:
     makes_outline = False
     """Whether a slab's outline is made from the radius; else the object's mesh is the outline."""
 
-    def apply(self, obj: bpy.types.Object, group: bpy.types.NodeTree) -> None:
-        """Put the modifier on the object with these values."""
+    def apply(
+        self, obj: bpy.types.Object, group: bpy.types.NodeTree, lathe: Lathe | None = None
+    ) -> None:
+        """Put the modifier on the object with these values; ``lathe`` is the mesh's profile."""
         modifier = obj.modifiers.new(MODIFIER, "NODES")
         modifier.node_group = group
         write_input(modifier, "Shape", self.shape.title())
@@ -208,7 +218,9 @@ class GlassProperties:
         ):
             write_input(modifier, socket, value)
         if self.shape == "REVOLUTION":
-            profile = bpy.data.objects.get(self.profile) or wine_profile(obj)
+            profile = bpy.data.objects.get(self.profile)
+            if profile is None:
+                profile = wine_profile(obj) if lathe is None else turned_profile(obj, lathe)
             write_input(modifier, "Profile", profile)
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -297,6 +309,11 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
         items=(*SHAPES, OWN_MESH),
         default="MESH",
     )
+    is_turned: bpy.props.BoolProperty(
+        name="Is Turned",
+        description="Whether the mesh was found to be a body that is turned about its z axis",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -314,27 +331,50 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
         elif glass_modifier(obj) is not None:
             problem = _rpt('"{}" is a refractive glass already').format(obj.name)
         else:
-            evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+            depsgraph = context.evaluated_depsgraph_get()
+            evaluated = obj.evaluated_get(depsgraph)
             if not self.properties.is_property_set("shape"):
                 self.shape = "SLAB" if _is_flat(evaluated) else "MESH"
-            problem = self._problem_of(obj, evaluated)
+            lathe = lathe_of(evaluated.data)
+            self.is_turned = lathe is not None
+            problem = self._problem_of(obj, depsgraph)
         if problem is not None:
             self.report({"ERROR"}, problem)
             return {"CANCELLED"}
-        self.apply(obj, load_group(MODIFIER))
-        kind = next(item for item in (*SHAPES, OWN_MESH) if item[0] == self.shape)
-        if self.shape == "MESH":
-            said = _rpt('"{}" is a glass: its own mesh')
-            if any(open_edges(evaluated.data)):
-                said = _rpt('"{}" is a glass: its own mesh, which is not closed (see its panel)')
-        else:
-            said = _rpt('"{}" is a glass in place of its mesh: {}')
-        self.report({"INFO"}, said.format(obj.name, _iface(kind[1])))
+        said = self._said(obj, evaluated, lathe)
+        self.apply(obj, load_group(MODIFIER), lathe)
+        self.report({"INFO"}, said)
         show_first_glass(context)
         return {"FINISHED"}
 
-    def _problem_of(self, obj: bpy.types.Object, evaluated: bpy.types.Object) -> str | None:
+    def _said(self, obj: bpy.types.Object, evaluated: bpy.types.Object, lathe: Lathe | None) -> str:
+        """What was done, in one line."""
+        kind = next(item for item in (*SHAPES, OWN_MESH) if item[0] == self.shape)
+        if self.shape == "REVOLUTION" and lathe is not None and not self.profile:
+            said = _rpt('"{}" is a glass in place of its mesh: {} of its profile')
+        elif self.shape != "MESH":
+            said = _rpt('"{}" is a glass in place of its mesh: {}')
+        elif lathe is not None:
+            said = _rpt('"{}" is a glass: its own mesh. It is turned: {} below is exact')
+            kind = next(item for item in SHAPES if item[0] == "REVOLUTION")
+        elif any(open_edges(evaluated.data)):
+            said = _rpt('"{}" is a glass: its own mesh, which is not closed (see its panel)')
+        elif not orientation_of(evaluated.data).is_right:
+            said = _rpt('"{}" is a glass: its own mesh, whose normals are wrong (see its panel)')
+        elif len(glassy_materials(obj)) > 1:
+            said = _rpt('"{}" is a glass: its own mesh, all of its first material of glass')
+        else:
+            said = _rpt('"{}" is a glass: its own mesh')
+        return said.format(obj.name, _iface(kind[1]))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        if self.is_turned and self.shape == "MESH":
+            self.layout.label(text="The mesh is turned: Revolution takes its profile", icon="INFO")
+        GlassProperties.draw(self, context)
+
+    def _problem_of(self, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> str | None:
         """What keeps the object from being a glass of the shape; takes size and ior where not."""
+        evaluated = obj.evaluated_get(depsgraph)
         if self.shape == "SLAB" and not _is_flat(obj):
             return _rpt(
                 '"{}" is not flat: a slab takes a flat mesh with a face as its outline'
@@ -345,7 +385,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             except ValueError as error:
                 return f'"{obj.name}": {error}'
             if not self.properties.is_property_set("ior"):
-                self.ior = interface_of(evaluated, self.ior).ior
+                self.ior = interface_of(obj, depsgraph, self.ior).ior
         self._take_size(obj)
         self.take_media()
         problem = self.problem()
@@ -365,6 +405,60 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
             # Flat to rounding in that direction: no size to take.
             if value > FLATNESS * largest and not self.properties.is_property_set(name):
                 setattr(self, name, value)
+
+
+class OBJECT_OT_refractive_glass_turn_normals(bpy.types.Operator):
+    """Make the active glass's faces look outwards, so that what is behind them is glass"""
+
+    bl_idname = "object.refractive_glass_turn_normals"
+    bl_label = "Turn Normals Outwards"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        obj = context.object
+        if obj is None or obj.type != "MESH" or glass_modifier(obj) is None:
+            cls.poll_message_set(_rpt("Select a glass that is a mesh"))
+            return False
+        return _can_edit(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        obj = context.object
+        mesh = obj.data
+        if not (obj.is_editable and mesh.is_editable):
+            said = _rpt('The mesh of "{}" is linked from a library: make it local first')
+            self.report({"ERROR"}, said.format(obj.name))
+            return {"CANCELLED"}
+        turned = turn_outwards(mesh)
+        found = self._found(context, obj)
+        if found.bodies:
+            # A modifier makes faces of its own, such as Screw of a profile, and they look in.
+            screws = [m for m in obj.modifiers if m.type == "SCREW" and m.show_render]
+            if screws:
+                screws[-1].use_normal_flip = not screws[-1].use_normal_flip
+            else:
+                turn_all(mesh)
+            turned = max(turned, 1)
+            found = self._found(context, obj)
+        if not found.is_right:
+            said = _rpt('Modifiers of "{}" turn faces against each other: correct them there')
+            self.report({"WARNING"}, said.format(obj.name))
+        else:
+            said = _rpt('All faces of "{}" look outwards: {} turned')
+            self.report({"INFO"}, said.format(obj.name, turned))
+        return {"FINISHED"}
+
+    @staticmethod
+    def _found(context: bpy.types.Context, obj: bpy.types.Object):
+        """What is wrong with the mesh that the glass's modifier gets."""
+        modifier = glass_modifier(obj)
+        shown = modifier.show_viewport
+        modifier.show_viewport = False
+        context.view_layer.update()
+        found = orientation_of(obj.evaluated_get(context.evaluated_depsgraph_get()).data)
+        modifier.show_viewport = shown
+        context.view_layer.update()
+        return found
 
 
 def _can_edit(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
@@ -519,6 +613,7 @@ class SCENE_OT_refractive_glass_compare(bpy.types.Operator):
 CLASSES = (
     OBJECT_OT_refractive_glass_add,
     OBJECT_OT_refractive_glass_modifier_add,
+    OBJECT_OT_refractive_glass_turn_normals,
     SCENE_OT_refractive_glass_update,
     SCENE_OT_refractive_glass_compare,
 )

@@ -9,16 +9,19 @@ from __future__ import annotations
 import bpy
 from bpy.app.translations import pgettext_iface as _iface
 
+from ..scene import changes
 from ..scene import update as door
 from ..scene.names import own
 from ..scene.read.glasses import glass_modifier
-from ..scene.read.mesh_glasses import named_by, open_edges
+from ..scene.read.mesh_glasses import glassy_materials, interface_node, open_edges
 from ..scene.read.modifier_inputs import read_input, value_place
+from ..scene.read.orientation import Orientation, orientation_of
 from . import bake
 from .lines import draw_lines
 from .menus import VIEW3D_MT_refractive_glass_add
 from .operators import (
     OBJECT_OT_refractive_glass_modifier_add,
+    OBJECT_OT_refractive_glass_turn_normals,
     SCENE_OT_refractive_glass_compare,
     SCENE_OT_refractive_glass_update,
 )
@@ -120,12 +123,8 @@ class _Glass:
         if shape == "Mesh":
             evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
             _draw_mesh(layout, context, evaluated)
-            named = named_by(evaluated)
+            _draw_material(layout, context, obj)
             column = layout.column(align=True)
-            column.enabled = named is None
-            if named is not None:
-                said = _iface('IOR, color and roughness are those of material "{}"')
-                draw_lines(layout, context, said.format(named), "MATERIAL")
         else:
             text = _iface("Closed form: its surfaces are exact")
             draw_lines(layout, context, text, "INFO")
@@ -160,20 +159,50 @@ def _draw_mesh(
         # While a 3D view draws what is seen through it, there are only edges.
         return
     key = evaluated.session_uid
-    size = len(mesh.vertices), len(mesh.edges), len(mesh.loops)
-    if key not in _open_edges or _open_edges[key][0] != size:
-        _open_edges[key] = size, open_edges(mesh)
-    border, branched = _open_edges[key][1]
+    state = (changes.shape_generation(evaluated), len(mesh.vertices), len(mesh.loops))
+    if key not in _looked_at or _looked_at[key][0] != state:
+        _looked_at[key] = state, open_edges(mesh), orientation_of(mesh)
+    _, (border, branched), orientation = _looked_at[key]
     if border:
         said = _iface("Open: {} edges have one face. A face's front is outside, as in Cycles")
         draw_lines(layout, context, said.format(border), "ERROR")
     if branched:
         said = _iface("{} edges have more than two faces: what is inside is not clear there")
         draw_lines(layout, context, said.format(branched), "ERROR")
+    if orientation.edges:
+        said = _iface("Normals disagree along {} edges: a face's front must be outside")
+        draw_lines(layout, context, said.format(orientation.edges), "ERROR")
+    if orientation.bodies:
+        text = _iface("Inside out: its normals look inwards, where the glass is")
+        draw_lines(layout, context, text, "ERROR")
+    if not orientation.is_right:
+        layout.operator(OBJECT_OT_refractive_glass_turn_normals.bl_idname)
 
 
-_open_edges: dict[int, tuple[tuple[int, int, int], tuple[int, int]]] = {}
-"""Object's session uid -> sizes of its mesh, and its open edges: counted once, not at each draw."""
+_looked_at: dict[int, tuple[tuple[int, int, int], tuple[int, int], Orientation]] = {}
+"""Object's session uid -> state of its mesh, its open edges, its normals: looked at once, not at
+each draw."""
+
+
+def _draw_material(
+    layout: bpy.types.UILayout, context: bpy.types.Context, obj: bpy.types.Object
+) -> None:
+    """Say which of the mesh's materials is the glass, and draw what it has beside the ior."""
+    materials = glassy_materials(obj)
+    if not materials:
+        return
+    first = materials[0]
+    said = _iface('Material "{}" is the glass: its IOR and this one follow each other')
+    if len(materials) > 1:
+        said = _iface('The first of its glassy materials counts for all of it: "{}"')
+    draw_lines(layout, context, said.format(first.name), "MATERIAL")
+    node = interface_node(first)
+    column = layout.column(align=True)
+    column.enabled = first.is_editable
+    for name in ("Base Color", "Color", "Roughness"):
+        socket = node.inputs.get(name)
+        if socket is not None:
+            column.prop(socket, "default_value", text=_iface(name), translate=False)
 
 
 _OF_SHADING = {"TRUE": "captures", "DISPLACED": "tolerance_px"}

@@ -19,6 +19,7 @@ _GERMAN = {
         "Refractive Glass": "Lichtbrechendes Glas",
         "Update Refractive Glass": "Lichtbrechendes Glas aktualisieren",
         "Compare with Cycles": "Mit Cycles vergleichen",
+        "Turn Normals Outwards": "Normalen nach außen wenden",
         "Slab": "Platte",
         "Cylinder": "Zylinder",
         "Rod": "Stab",
@@ -57,8 +58,14 @@ _GERMAN = {
         "haben eine Fläche. Die Vorderseite einer Fläche ist außen, wie in Cycles",
         "{} edges have more than two faces: what is inside is not clear there": "{} Kanten haben "
         "mehr als zwei Flächen: was innen ist, ist dort nicht klar",
-        'IOR, color and roughness are those of material "{}"': "Brechzahl, Farbe und Rauheit sind "
-        'die des Materials „{}"',
+        "Normals disagree along {} edges: a face's front must be outside": "Normalen widersprechen "
+        "sich an {} Kanten: die Vorderseite einer Fläche muss außen sein",
+        "Inside out: its normals look inwards, where the glass is": "Umgestülpt: die Normalen "
+        "zeigen nach innen, wo das Glas ist",
+        'Material "{}" is the glass: its IOR and this one follow each other': 'Material „{}" ist '
+        "das Glas: seine Brechzahl und diese folgen einander",
+        'The first of its glassy materials counts for all of it: "{}"': "Das erste seiner "
+        'gläsernen Materialien gilt für alles: „{}"',
         "The modifier is off in renders: switch it on to see through the glass": "Der Modifikator "
         "ist beim Rendern aus: einschalten, um durch das Glas zu sehen",
         "Status": "Status",

@@ -11,6 +11,7 @@ import numpy as np
 from .follow import Follower, way_codes
 from .hits import Shown, Ways
 from .lamps import Sun
+from .radiance import UNLIMITED, Clamp
 
 FINER = ((4, 0.03), (6, 0.2), (12, 0.58))
 """Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
@@ -287,7 +288,11 @@ def ending(
 
 
 def sun_light(
-    rays: PictureRays, beside: Neighbours, suns: tuple[Sun, ...], sigma: float
+    rays: PictureRays,
+    beside: Neighbours,
+    suns: tuple[Sun, ...],
+    sigma: float,
+    clamp: Clamp = UNLIMITED,
 ) -> np.ndarray:
     """(K, 3) radiance of the suns along the ways of one ray a pixel, as the pixel filter sees it.
 
@@ -312,7 +317,7 @@ def sun_light(
             if len(some):
                 axes = [slope[some] for slope in slopes]
                 part = seen(sun, ways.direction[sky[some]], *axes)
-                out[sky[some]] += part[:, None] * np.array(sun.radiance)
+                out[sky[some]] += clamp.limited(sun.radiance, ways.take(sky[some]), part)
     return out
 
 

@@ -180,6 +180,8 @@ class Follower:
                     ends.direction[met],
                     ends.distance[met],
                     ends.thing[met],
+                    ends.events[met],
+                    ends.rough[met],
                 )
             )
         return Ways.joined(parts), lost

@@ -32,7 +32,7 @@ from .exits import (
 from .follow import Band, Follower, Kept
 from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
 from .meshes import GlassMeshes
-from .radiance import known_light, stand_ins
+from .radiance import Clamp, known_light, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .sky import Sky
 from .things import Things
@@ -63,6 +63,7 @@ class FrameInput:
     engine, filter_size : of the user's render. samples : a pixel, of the direct picture.
     captures : captures at most. min_weight : part of a ray's light that ways must carry.
     fresnel : surfaces mirror and refract; else they only refract.
+    clamp : of the light of lamps and of the sky.
     seen_through : names of what is seen through the glasses; None: all.
     exposure : by what the engine multiplies radiance in its pictures.
     """
@@ -80,6 +81,7 @@ class FrameInput:
     captures: int
     min_weight: float
     fresnel: bool
+    clamp: Clamp
     seen_through: frozenset[str] | None = None
     exposure: float = 1.0
 
@@ -248,7 +250,7 @@ def _followed(
     shown = show(scene, views, coarse.ways)
     ends = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)
     sigma = filter_sigma(frame.engine, frame.filter_size)
-    glints = sun_light(coarse, beside, frame.sky.suns, sigma)
+    glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
     glint = Glints(beside.pixel, glints * coarse.ways.colour)
     kept, centre, finer = finer_rays(coarse, ends, sigma, follower)
     shown = Shown.joined([shown.take(kept), show(scene, views, finer.ways)])
@@ -348,7 +350,8 @@ def _summed(
     unseen = float(unseen / light) if light > 0.0 else 0.0
     told = shown
     shown, guessed = stand_ins(scene.things, ways, shown)
-    radiance = known_light(scene.things, scene.normals, frame.sky, ways, told)
+    known = known_light(scene.things, scene.normals, frame.sky, ways, told)
+    radiance = frame.clamp.limited(known, ways)
     radiance += guessed
     share = rays.share[ways.ray]
     pixel = _window_pixels(rays.pixel[ways.ray], frame.view)

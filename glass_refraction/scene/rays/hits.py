@@ -55,6 +55,8 @@ class Ways:
     origin, direction : (K, 3), world; the direction leads away from the eye.
     distance : (K,) metres to what is met; infinite: the sky.
     triangle : (K,) of the things; −1: none.
+    events : (K,) interfaces at which they were refracted or reflected.
+    rough : (K,) bool, whether one of these was a rough one's facet.
     """
 
     ray: np.ndarray
@@ -65,6 +67,8 @@ class Ways:
     direction: np.ndarray
     distance: np.ndarray
     triangle: np.ndarray
+    events: np.ndarray
+    rough: np.ndarray
 
     def __len__(self) -> int:
         return len(self.ray)

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .hits import KNOWN, UNSEEN, Shown, Ways
 from .sky import Sky
@@ -13,6 +16,40 @@ COMPARED = 400
 """Hits of one surface among which the nearest is looked for, for one that no view shows."""
 BLOCK = 4096
 """Hits compared at a time."""
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Most light of one sample, as the user's engine has it: the mean of red, green and blue.
+
+    An engine follows one way of a sample and finds the light undimmed by Fresnel's laws: a sun's
+    image in a glass is in few samples, and as bright as the sun. So it is the light along a whole
+    way that is limited, not what the way brings to a pixel.
+
+    Attributes
+    ----------
+    direct : of ways with one event, such as a lamp's mirror image. indirect : of all others.
+        0: no limit.
+    """
+
+    direct: float = 0.0
+    indirect: float = 0.0
+
+    def limited(self, radiance: ArrayLike, ways: Ways, part: ArrayLike = 1.0) -> np.ndarray:
+        """Light (K, 3) of radiances (3,) or (K, 3) along ways, of which none is above its limit.
+
+        ``part``: (K,) of a way's light that is of that radiance. Behind a sharp surface few samples
+        find a small lamp and many do not. A rough one gathers it in each sample, by its part.
+        """
+        light = np.broadcast_to(np.asarray(radiance, float), (len(ways), 3))
+        tint = ways.colour / np.where(ways.weight > 0.0, ways.weight, 1.0)[:, None]
+        most = np.where(ways.events > 1, self.indirect, self.direct)
+        found = (np.abs(light) * tint).mean(axis=1) * np.where(ways.rough, part, 1.0)
+        over = (most > 0.0) & (found > most)
+        return light * (part * np.where(over, most / np.where(over, found, 1.0), 1.0))[:, None]
+
+
+UNLIMITED = Clamp()
 
 
 def known_light(

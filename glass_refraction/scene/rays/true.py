@@ -25,7 +25,13 @@ from ..names import TAG, hidden_name, own
 from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
 from ..read.modifier_inputs import read_input
-from ..read.viewpoint import Viewpoint, border_window, render_size, samples_setting
+from ..read.viewpoint import (
+    Viewpoint,
+    border_window,
+    clamp_settings,
+    render_size,
+    samples_setting,
+)
 from ..read.visibility import rendered_layer
 from ..read.world import film_exposure
 from .caster import Casters, fill_cast_collection
@@ -33,6 +39,7 @@ from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
+from .radiance import Clamp
 from .samples import LEVELS
 from .sky import sky_of
 from .sum_tree import Pictures, SumTree, border_factors, write_kernels
@@ -243,6 +250,7 @@ def _read(
         captures=settings.captures,
         min_weight=settings.min_weight,
         fresnel=settings.surface == "GLASS",
+        clamp=Clamp(*clamp_settings(scene)),
         seen_through=_seen_through(scene, problems),
         exposure=film_exposure(scene),
     )

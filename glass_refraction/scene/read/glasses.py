@@ -303,7 +303,7 @@ def read_glass(
         to_world = np.array(evaluated.matrix_world, float)
     shape = read_input(modifier, "Shape")
     if shape == "Mesh":
-        return _read_mesh(evaluated, modifier, to_world, known)
+        return _read_mesh(evaluated, depsgraph, modifier, to_world, known)
     pose, scale = rigid_pose(to_world, obj.name)
     size = {
         key: float(read_input(modifier, name)) * scale
@@ -345,12 +345,19 @@ def read_glass(
     return glass
 
 
-def _read_mesh(evaluated: bpy.types.Object, modifier, to_world: np.ndarray, known) -> Glass:
+def _read_mesh(
+    evaluated: bpy.types.Object,
+    depsgraph: bpy.types.Depsgraph,
+    modifier,
+    to_world: np.ndarray,
+    known,
+) -> Glass:
     """A glass that is a mesh; arguments as of `read_glass`."""
     name = evaluated.name
     _check_place(to_world, name)
+    ior = float(read_input(modifier, "IOR"))
     try:
-        interface = interface_of(evaluated, float(read_input(modifier, "IOR")))
+        interface = interface_of(evaluated, depsgraph, ior)
         description = mesh_glass(evaluated.data, to_world, interface, known)
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))

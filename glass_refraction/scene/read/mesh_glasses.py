@@ -155,19 +155,21 @@ def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
     return points.reshape(-1, 3, 3), normals.reshape(-1, 3, 3)
 
 
-def interface_of(obj: bpy.types.Object, ior: float) -> Interface:
-    """What the first glassy material of an (evaluated) object says; else the given ior."""
-    for slot in obj.material_slots:
-        found = material_interface(slot.material)
-        if found is not None:
-            return found
-    return Interface(ior)
+def interface_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, ior: float) -> Interface:
+    """What the first glassy material of an object says as it is evaluated; else the given ior."""
+    material = next(iter(glassy_materials(obj)), None)
+    found = material and material_interface(material.evaluated_get(depsgraph))
+    return found or Interface(ior)
 
 
-def named_by(obj: bpy.types.Object) -> str | None:
-    """Name of the material that says what the object's glass is; None where the modifier does."""
-    materials = (slot.material for slot in obj.material_slots)
-    return next((m.name for m in materials if material_interface(m) is not None), None)
+def glassy_materials(obj: bpy.types.Object) -> list[bpy.types.Material]:
+    """The materials of an object that say what a glass is: the first counts for all of it.
+
+    They are those of its slots, not those that modifiers give it: where renders hide the mesh, its
+    evaluated one has none.
+    """
+    slots = (slot.material for slot in obj.original.material_slots)
+    return [m for m in dict.fromkeys(slots) if material_interface(m) is not None]
 
 
 def material_interface(material: bpy.types.Material | None) -> Interface | None:
@@ -176,15 +178,17 @@ def material_interface(material: bpy.types.Material | None) -> Interface | None:
     It is read of a Glass or Refraction BSDF, or a Principled BSDF with transmission, that leads to
     the surface. Inputs with links count as they would without.
     """
+    node = interface_node(material)
+    return None if node is None else _READERS[node.type](node)
+
+
+def interface_node(material: bpy.types.Material | None) -> bpy.types.ShaderNode | None:
+    """The node of a material that says what a glass is, see `material_interface`."""
     if material is None or material.node_tree is None or own(material, "glass"):
         return None
-    for node in material.node_tree.nodes:
-        if node.type not in _READERS or not any(o.is_linked for o in node.outputs):
-            continue
-        found = _READERS[node.type](node)
-        if found is not None:
-            return found
-    return None
+    shaders = (node for node in material.node_tree.nodes if node.type in _READERS)
+    linked = (node for node in shaders if any(output.is_linked for output in node.outputs))
+    return next((node for node in linked if _READERS[node.type](node) is not None), None)
 
 
 def _value(node, name: str) -> float:

@@ -45,7 +45,8 @@ def sky_ways(ray, direction, weight=None, path=None):
     path = np.ones(count, np.int64) if path is None else path
     return Ways(
         ray, path, weight, np.repeat(weight[:, None], 3, axis=1), np.zeros((count, 3)), direction,
-        np.full(count, np.inf), np.full(count, -1),
+        np.full(count, np.inf), np.full(count, -1), np.full(count, 2),
+        np.zeros(count, bool),
     )  # fmt: skip
 
 

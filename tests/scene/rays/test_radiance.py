@@ -97,6 +97,7 @@ def _ways(points, triangle, path=None):
     return Ways(
         np.arange(count), np.resize(path or 1, count), np.ones(count), np.ones((count, 3)), origins,
         np.tile((0.0, 0.0, 1.0), (count, 1)), np.where(sky, np.inf, 1.0), np.asarray(triangle),
+        np.ones(count, int), np.zeros(count, bool),
     )  # fmt: skip
 
 

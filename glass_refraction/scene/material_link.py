@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A mesh's own material and the modifier both have its glass's ior: change one, the other follows.
+
+What was seen last tells which of the two was changed. Nothing is written before a change is seen,
+nor where animation or drivers decide.
+"""
+
+from __future__ import annotations
+
+import bpy
+
+from .read.animation import may_change
+from .read.glasses import glass_modifier
+from .read.mesh_glasses import glassy_materials, interface_node
+from .read.modifier_inputs import data_path, read_input, write_input
+
+CLOSE = 1e-6
+"""Float32 keeps an ior to this."""
+
+_seen: dict[int, tuple[float, float]] = {}
+"""Object's session uid -> its modifier's ior and its material's, as last seen."""
+
+
+def remember() -> None:
+    """Take the values of all glasses as seen, those of a file that was opened."""
+    _seen.clear()
+    for obj in bpy.data.objects:
+        _follow(obj, write=False)
+
+
+def follow(depsgraph: bpy.types.Depsgraph) -> None:
+    """Let iors follow what was changed, after an evaluation; for its handler."""
+    ids = [update.id for update in depsgraph.updates]
+    changed = any(isinstance(i, (bpy.types.Material, bpy.types.ShaderNodeTree)) for i in ids)
+    for obj in (i.original for i in ids if isinstance(i, bpy.types.Object)):
+        changed |= _follow(obj)
+    if changed:
+        # Others may be of the same material.
+        for obj in bpy.data.objects:
+            _follow(obj)
+
+
+def _follow(obj: bpy.types.Object, *, write: bool = True) -> bool:
+    """Let an object and its material follow each other; returns whether the material did."""
+    modifier = glass_modifier(obj) if obj.type == "MESH" else None
+    if modifier is None or read_input(modifier, "Shape") != "Mesh":
+        return False
+    material = next(iter(glassy_materials(obj)), None)
+    if material is None:
+        _seen.pop(obj.session_uid, None)
+        return False
+    socket = interface_node(material).inputs["IOR"]
+    mine, theirs = float(read_input(modifier, "IOR")), float(socket.default_value)
+    last = _seen.get(obj.session_uid)
+    _seen[obj.session_uid] = mine, theirs
+    if last is None or not write or abs(mine - theirs) <= CLOSE:
+        return False
+    path = data_path(modifier, "IOR")
+    if abs(theirs - last[1]) > CLOSE:
+        if obj.is_editable and not may_change(obj, path):
+            write_input(modifier, "IOR", theirs)
+            _seen[obj.session_uid] = theirs, theirs
+    elif abs(mine - last[0]) > CLOSE and material.is_editable and not socket.is_linked:
+        tree = material.node_tree
+        if not may_change(tree, socket.path_from_id("default_value")):
+            socket.default_value = mine
+            _seen[obj.session_uid] = mine, mine
+            return True
+    return False
