@@ -72,6 +72,7 @@ class _View:
         self.model = Model()
         self.painter = None
         self.captures = None
+        self.displaced = None
         self.framebuffer = None
         self.space = 0
         self.failure = ""
@@ -147,6 +148,8 @@ def status(space: bpy.types.SpaceView3D) -> list[str]:
         if view.space != space.as_pointer():
             continue
         lines += view.problems
+        if view.displaced is not None:
+            lines += view.displaced.status()
         working = view.line()
         if working:
             lines.append(working)
@@ -244,9 +247,11 @@ def _after_view() -> None:
 
 def _draw(view: _View, context: bpy.types.Context) -> None:
     from .capture import Captures
+    from .displaced import Displaced
     from .paint import Painter
 
     space, region, scene = context.space_data, context.region, context.scene
+    settings = scene.refractive_glass
     view.space = space.as_pointer()
     layer = context.view_layer
     if layer.depsgraph is None or space.shading.type == "WIREFRAME":
@@ -270,8 +275,14 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     )
     key = (scene.session_uid, generation(scene), space.local_view is not None)
     looks = _looks(space)
+    displaces = settings.shading == "DISPLACED"
+    if (view.displaced is not None) != displaces:
+        view.displaced = Displaced() if displaces else None
+        model.key = ()
     if model.key != key:
         model.read(layer, space)
+        if displaces:
+            view.displaced.arrange(layer, space, model.glasses)
         model.key = key
         view.problems = model.problems + _unmarked(layer, True)
     # Much is evaluated anew of which nothing can be seen.
@@ -291,8 +302,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
-    settings = scene.refractive_glass
-    stamp = (seen, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
+    drawn = (settings.surface, settings.min_weight, _displaced_version(view))
+    stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     if changed or stamp != view.stamp:
         moved = stamp[:-1] != view.stamp[:-1]
         view.stamp = stamp
@@ -318,6 +329,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
 def _describe(view: _View, eye) -> None:
     model = view.model
     model.look_from(eye)
+    if view.displaced is not None:
+        view.displaced.look_from(eye, model.frame, model.glasses, model.dispersing())
     view.painter.describe(
         [model.block, *model.bands],
         eye,
@@ -327,6 +340,11 @@ def _describe(view: _View, eye) -> None:
         view.captures.listed(),
         model.scene_reach(),
     )
+
+
+def _displaced_version(view: _View) -> int:
+    """Grows as displaced things change; -1 where none are drawn."""
+    return -1 if view.displaced is None else view.displaced.things.version
 
 
 def _divisor(view: _View) -> int:
@@ -350,7 +368,13 @@ def _sample(
     pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
     began, mine = time.perf_counter(), time.thread_time()
     drawn = painter.sample(
-        jitter, way, view.captures.textures, pixels, edges_of, disperses=seconds is not None
+        jitter,
+        way,
+        view.captures.textures,
+        pixels,
+        edges_of,
+        disperses=seconds is not None,
+        displaced=view.displaced if view.displaced and view.displaced.can_draw else None,
     )
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
@@ -492,6 +516,12 @@ def _work(view: _View, window, space, region) -> None:
     scene, painter, captures = window.scene, view.painter, view.captures
     if view.waits:
         return
+    if view.displaced is not None and view.displaced.things.has_work:
+        view.displaced.things.work(window.view_layer, SLICE_SECONDS)
+        if not view.displaced.things.has_work:
+            view.waits = True
+            region.tag_redraw()
+        return
     if captures.left:
         if view.model.key[:2] != (scene.session_uid, generation(scene)):
             # Drawn anew, the view asks again.
@@ -578,6 +608,9 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     What the extension makes for renders comes and goes in one update with everything that shares
     data with it; nothing of that may be seen.
     """
+    from .things import note_changes
+
+    note_changes(depsgraph)
     updates = [(update, own(update.id)) for update in depsgraph.updates]
     echo = any(mine for _, mine in updates)
     for update, mine in updates:
