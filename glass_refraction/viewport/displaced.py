@@ -41,7 +41,7 @@ class Displaced:
         self._captures: list[int] = []
         self._looks = 0
         self._drawn: tuple = ()
-        self._picture = None
+        self._picture = self._depth = None
         self._targets: list = []
         self._courses = None
         self._blocks: list = []
@@ -147,10 +147,11 @@ class Displaced:
         known = self._picture
         if known is None or (known.width, known.height, len(self._targets)) != (*size, count):
             self._picture = gpu.types.GPUTexture(size, layers=count, format="RGBA16F")
-            depth = gpu.types.GPUTexture(size, format="DEPTH_COMPONENT32F")
+            # Kept: a frame buffer does not hold its textures.
+            self._depth = gpu.types.GPUTexture(size, format="DEPTH_COMPONENT32F")
             self._targets = [
                 gpu.types.GPUFrameBuffer(
-                    depth_slot=depth, color_slots=[{"texture": self._picture, "layer": slot}]
+                    depth_slot=self._depth, color_slots=[{"texture": self._picture, "layer": slot}]
                 )
                 for slot in range(count)
             ]
