@@ -39,7 +39,7 @@ BEND = (
  * error after a step is about the square of the step. */
 #define ROUND_STEPS 7
 #define LAYER_STEPS 14
-#define RESTS 2e-4
+#define RESTS 1e-3
 /* The limits of the angle that stands for a ray's distance from the axis, and of a step. */
 #define STEEPEST 1.5706
 #define LONGEST_STEP 0.7

@@ -20,6 +20,6 @@ def test_vertices_appear_where_optics_says(found, shape):
     # Pixels of 800, over which the glass is spread.
     assert result["error"] < 0.05
     assert result["way"] < 1e-4
-    # Both agree which points have an image: but for some at the very limit.
+    # Both agree which points have an image, but for some at the very limit.
     assert result["missed"] == 0
-    assert result["wrong"] < 1e-3 * result["points"]
+    assert result["wrong"] < 2e-3 * result["points"]

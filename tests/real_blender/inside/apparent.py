@@ -163,12 +163,12 @@ def compare(modules, glass, seed):
             found["points"] += int(shown.sum())
             found["error"] = max(found["error"], float(error[shown].max()))
             found["way"] = max(found["way"], float(np.abs(ways / length - 1.0)[shown].max()))
-            near = misses < 1e-3
+            near = misses < 1e-2
             if kind and not held:
                 # What lies within the glass is not behind it: fragments are cut there.
                 near &= np.linalg.norm(local[:, : kind + 1], axis=1) > 1.001 * body.scale
-            found["missed"] += int((shown & (misses >= 1e-3)).sum())
-            found["wrong"] += int((~there & near).sum())
+            found["missed"] += int((shown & (misses >= 1e-2)).sum())
+            found["wrong"] += int((~there & near & (misses < 1e-3)).sum())
     return found
 
 
