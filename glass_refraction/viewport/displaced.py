@@ -42,7 +42,7 @@ class Displaced:
         self._looks = 0
         self._drawn: tuple = ()
         self._picture = self._depth = None
-        self._targets: list = []
+        self._slots = 0
         self._courses = None
         self._blocks: list = []
 
@@ -100,11 +100,15 @@ class Displaced:
         self._blocks = []
         raster = _raster(self._view.size, size, jitter, divisor)
         for slot, one in enumerate(self.bendings):
+            # Made anew: views and timers draw in contexts of their own, which share textures only.
+            target = gpu.types.GPUFrameBuffer(
+                depth_slot=self._depth, color_slots=[{"texture": self._picture, "layer": slot}]
+            )
             # Kept: a buffer that nobody holds is gone before it is read.
             block = _buffer(one.block(self._view, self._frame, raster))
             self._blocks.append(block)
-            with self._targets[slot].bind():
-                self._targets[slot].clear(color=(0.0, 0.0, 0.0, 0.0), depth=1.0)
+            with target.bind():
+                target.clear(color=(0.0, 0.0, 0.0, 0.0), depth=1.0)
                 gpu.state.viewport_set(0, 0, *size)
                 gpu.state.blend_set("NONE")
                 gpu.state.face_culling_set("NONE")
@@ -145,16 +149,10 @@ class Displaced:
         """Make the textures and the table of courses for the glasses as they are."""
         count = len(self.bendings)
         known = self._picture
-        if known is None or (known.width, known.height, len(self._targets)) != (*size, count):
+        if known is None or (known.width, known.height, self._slots) != (*size, count):
             self._picture = gpu.types.GPUTexture(size, layers=count, format="RGBA16F")
-            # Kept: a frame buffer does not hold its textures.
             self._depth = gpu.types.GPUTexture(size, format="DEPTH_COMPONENT32F")
-            self._targets = [
-                gpu.types.GPUFrameBuffer(
-                    depth_slot=self._depth, color_slots=[{"texture": self._picture, "layer": slot}]
-                )
-                for slot in range(count)
-            ]
+            self._slots = count
         table = np.zeros((MOST_DRAWN, 4), np.int32)
         table[:, 2] = -1
         for slot, one in enumerate(self.bendings):

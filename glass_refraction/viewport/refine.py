@@ -24,8 +24,18 @@ def is_large(
     ----------
     points : (V, 3). triangles : (T, 3). glasses : middle and reach of each, in the points' frame.
     """
-    ends = points[triangles]
-    return _excess(ends, np.roll(ends, -1, axis=1), glasses).max(axis=1, initial=0.0) > 1.0
+    found = np.zeros(len(triangles), bool)
+    if not glasses:
+        return found
+    # Most triangles are small by any measure.
+    shortest = FINEST * min(reach for _, reach in glasses)
+    for k in range(3):
+        edge = points[triangles[:, k]] - points[triangles[:, k - 1]]
+        found |= np.einsum("nk,nk->n", edge, edge) > shortest**2
+    some = np.flatnonzero(found)
+    ends = points[triangles[some]]
+    found[some] = (_excess(ends, np.roll(ends, -1, axis=1), glasses) > 1.0).any(axis=1)
+    return found
 
 
 def refined(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import bpy
@@ -17,8 +18,7 @@ import gpu
 import numpy as np
 
 from ..scene.read.arrays import positions
-from ..scene.read.mesh_arrays import read_triangles
-from ..scene.read.sources import Piece, pieces, source_objects
+from ..scene.read.sources import Piece, is_carried, pieces, source_objects
 from .refine import is_large, refined
 
 CHUNK = 200_000
@@ -29,6 +29,7 @@ flicker between both ways of drawing."""
 MOVED = 0.25
 """Of a glass's reach: moved by more, large triangles are divided anew for where it is."""
 
+_END = object()
 _reshaped: Counter[int] = Counter()
 """By session uid of objects and meshes: grows when their geometry changes."""
 
@@ -47,7 +48,7 @@ class _Mesh:
     Attributes
     ----------
     stamp : of the geometry that the batches show; () before any do.
-    wanted : of the geometry as it is now.
+    wanted : of the geometry as it is now. given_up : of one that was gone before it was read.
     glasses : (middle, reach) of the glasses, in the mesh's frame, as they are now; divided_for:
         those for which large triangles were divided, None if there are none.
     middle, radius : of a ball that holds all vertices, in the mesh's frame.
@@ -55,6 +56,7 @@ class _Mesh:
 
     stamp: tuple = ()
     wanted: tuple = ()
+    given_up: tuple = ()
     glasses: list[tuple[np.ndarray, float]] = field(default_factory=list)
     divided_for: list[tuple[np.ndarray, float]] | None = None
     batches: list = field(default_factory=list)
@@ -65,7 +67,7 @@ class _Mesh:
     @property
     def is_stale(self) -> bool:
         if self.stamp != self.wanted:
-            return True
+            return self.given_up != self.wanted
         known = self.divided_for
         return known is not None and (
             len(known) != len(self.glasses)
@@ -97,6 +99,7 @@ class Things:
         self.placed: list[Placed] = []
         self.version = 0
         self._meshes: dict[tuple[int, int], _Mesh] = {}
+        self._layer: bpy.types.ViewLayer | None = None
         self._running: tuple[tuple[int, int], Iterator[None]] | None = None
 
     @property
@@ -136,7 +139,7 @@ class Things:
                 for number, part in enumerate(parts):
                     key = (obj.session_uid, number)
                     mesh = self._meshes.setdefault(key, _Mesh())
-                    mesh.wanted = _stamp(obj, part)
+                    mesh.wanted, mesh.given_up = _stamp(obj, part), ()
                     mesh.glasses = _brought(glasses, part.to_world)
                     seen.add(key)
                     self.placed.append(Placed(mesh, part.to_world, colour))
@@ -149,30 +152,41 @@ class Things:
             self.work(layer, np.inf)
 
     def work(self, layer: bpy.types.ViewLayer, seconds: float) -> None:
-        """Hand over for about so long; one slice at least."""
+        """Hand over for about so long."""
         until = time.perf_counter() + seconds
-        while self.has_work:
-            if self._running is None:
-                key = next(k for k, mesh in self._meshes.items() if mesh.is_stale)
-                self._running = key, self._handing_over(key, layer)
-            try:
-                next(self._running[1])
-            except StopIteration:
-                self._running = None
-                self.version += 1
-            if time.perf_counter() > until:
-                return
+        # Lent for as long as this call lasts: nothing of Blender's is kept from one to the next.
+        self._layer = layer
+        try:
+            while self.has_work and time.perf_counter() < until:
+                if self._running is None:
+                    key = next(k for k, mesh in self._meshes.items() if mesh.is_stale)
+                    self._running = key, self._handing_over(key)
+                if next(self._running[1], _END) is _END:
+                    self._running = None
+                    self.version += 1
+        finally:
+            self._layer = None
 
-    def _handing_over(self, key: tuple[int, int], layer: bpy.types.ViewLayer) -> Iterator[None]:
-        """Slice by slice; nothing of Blender's is kept from one to the next."""
+    def _handing_over(self, key: tuple[int, int]) -> Iterator[None]:
+        """Slice by slice."""
         mesh = self._meshes[key]
         wanted, glasses = mesh.wanted, mesh.glasses
-        points, triangles = _read(key, layer)
-        del layer
-        yield
-        large = is_large(points, triangles, glasses) if len(triangles) else np.zeros(0, bool)
-        if large.any():
+        read = []
+        # Blender takes its time for the triangles of a large mesh: they have a slice of their own.
+        for step in (positions, _find_triangles, _triangles):
+            with _part(key, self._layer, wanted) as part:
+                if part is None:
+                    mesh.given_up = wanted
+                    return
+                read.append(step(part.mesh))
             yield
+        points, _, triangles = read
+        large = np.zeros(len(triangles), bool)
+        for start in range(0, len(triangles), CHUNK):
+            part = slice(start, start + CHUNK)
+            large[part] = is_large(points, triangles[part], glasses)
+            yield
+        if large.any():
             # Divided where they lie; the small ones keep their vertices.
             used, index = np.unique(triangles[large], return_inverse=True)
             more, parts = refined(
@@ -200,24 +214,39 @@ class Things:
         mesh.divided_for = glasses if large.any() else None
 
 
-def _read(key: tuple[int, int], layer: bpy.types.ViewLayer) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) float32, in the mesh's frame, and triangles (T, 3) of a piece of an object.
-
-    Empty if it is not there any more: the next redraw tells.
-    """
+@contextmanager
+def _part(
+    key: tuple[int, int], layer: bpy.types.ViewLayer, wanted: tuple
+) -> Iterator[Piece | None]:
+    """A piece of an object; None if it is not as wanted any more: the next redraw tells."""
     uid, number = key
     obj = next((o for o in layer.objects if o.session_uid == uid), None)
-    if obj is not None:
-        with pieces(obj, layer.depsgraph) as parts:
-            if number < len(parts):
-                return positions(parts[number].mesh), read_triangles([parts[number]])
-    return np.empty((0, 3), np.float32), np.empty((0, 3), np.int32)
+    if obj is None:
+        yield None
+        return
+    with pieces(obj, layer.depsgraph) as parts:
+        is_there = number < len(parts) and _stamp(obj, parts[number]) == wanted
+        yield parts[number] if is_there else None
+
+
+def _find_triangles(mesh: bpy.types.Mesh) -> None:
+    mesh.calc_loop_triangles()
+
+
+def _triangles(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(T, 3) int32, vertices of each."""
+    mesh.calc_loop_triangles()
+    out = np.empty((len(mesh.loop_triangles), 3), np.int32)
+    mesh.loop_triangles.foreach_get("vertices", out.ravel())
+    return out
 
 
 def _stamp(obj: bpy.types.Object, part: Piece) -> tuple:
     """What tells whether a mesh is another one; its vertices come last."""
     data, mesh = obj.data, part.mesh
-    uids = {obj.session_uid, mesh.original.session_uid}
+    uids = {obj.session_uid}
+    if is_carried(obj):
+        uids.add(mesh.original.session_uid)
     if data is not None:
         uids.add(data.session_uid)
     counts = len(mesh.polygons), len(mesh.loops), len(mesh.vertices)
