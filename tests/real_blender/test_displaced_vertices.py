@@ -23,3 +23,26 @@ def test_vertices_appear_where_optics_says(found, shape):
     # Both agree which points have an image, but for some at the very limit.
     assert result["missed"] == 0
     assert result["wrong"] < 2e-3 * result["points"]
+
+
+@pytest.fixture(scope="module")
+def view(installed):
+    installed.script("no_splash")
+    return installed.script("displaced_view", how="gui", seconds=900)
+
+
+@pytest.mark.parametrize("name", ["first", "after", "filled", "parallel"])
+def test_displaced_things_look_as_by_rays(view, name):
+    assert view["failures"] == []
+    assert view["psnr"][name] > 32.0
+
+
+def test_a_mesh_is_handed_over_again_only_when_it_changed(view):
+    assert view["uploads"] == {"moved": 0, "edited": 1}
+
+
+def test_the_view_says_what_rays_show_and_why(view):
+    told = {name: " ".join(lines) for name, lines in view["status"].items()}
+    assert "2 glasses" in told["first"] and "By rays" not in told["first"]
+    assert "1 glass:" in told["filled"] and "several images" in told["filled"]
+    assert "orthographic" in told["parallel"] and "displaced" not in told["parallel"]
