@@ -85,14 +85,15 @@ class Displaced:
         """Whether there is a glass to draw for, and all that is seen through it."""
         return bool(self.bendings) and self.things.is_ready
 
-    def draw(self, painter, size: tuple[int, int], jitter, divisor: int, captures: tuple) -> None:
-        """Draw what each glass shows, for a picture of ``size`` samples, unless it is drawn.
+    def draw(self, painter, jitter: tuple[float, float], captures: tuple) -> None:
+        """Draw what each glass shows, for the sample that comes next, unless it is drawn.
 
         Parameters
         ----------
-        painter : `paint.Painter`, for what the view shows.
-        jitter, divisor, captures : as of a sample, see there.
+        painter : `paint.Painter`, for what the view shows and how fine its picture is.
+        jitter, captures : as of its `sample`, see there.
         """
+        size, divisor = painter.grid
         key = (self._looks, self.things.version, size, tuple(jitter), divisor)
         if key == self._drawn:
             return
@@ -124,6 +125,8 @@ class Displaced:
                         draw_thing(shader, thing, one, part)
                 gpu.state.depth_test_set("NONE")
                 gpu.state.depth_mask_set(False)
+                # The vertices' time is not to be taken for that of the sample's pixels.
+                target.read_color(0, 0, 1, 1, 4, 0, "FLOAT")
         self._drawn = key
 
     @property

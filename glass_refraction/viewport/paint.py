@@ -231,6 +231,11 @@ class Painter:
         return self._used[0].divisor if self._used else 0
 
     @property
+    def grid(self) -> tuple[tuple[int, int], int]:
+        """Size in samples of the layer that is drawn now, and pixels a side for each."""
+        return self._drawn.size, self._drawn.divisor
+
+    @property
     def samples(self) -> int:
         """Samples that the layer has which is drawn now."""
         return self._drawn.samples
@@ -253,7 +258,7 @@ class Painter:
         edges_of : number of the layer of which only the edges get a sample.
         disperses : follow red, green and blue light each on its own, if that differs.
         pixels : about how many to draw now; the next call goes on. None: all.
-        displaced : `displaced.Displaced`, if it draws what is refracted only.
+        displaced : `displaced.Displaced`, if it drew what is refracted only.
 
         Returns
         -------
@@ -267,10 +272,7 @@ class Painter:
         else:
             strips = [self._take(pixels)]
         layer = self._drawn
-        shader = _shader("picture")
-        if displaced is not None:
-            displaced.draw(self, layer.size, jitter, layer.divisor, captures)
-            shader = displaced.shader
+        shader = _shader("picture") if displaced is None else displaced.shader
         with layer.target.bind():
             gpu.state.viewport_set(0, 0, *layer.size)
             gpu.state.depth_test_set("NONE")

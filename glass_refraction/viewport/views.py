@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections import Counter
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -25,6 +26,9 @@ from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
 from .jobs import is_compiling, is_rendering
 from .model import Model
+
+if TYPE_CHECKING:
+    from .displaced import Displaced
 
 MOVING, FIRST, MORE = range(3)
 """Which picture is drawn: of what moves, or at rest its first sample or further ones at edges."""
@@ -72,7 +76,7 @@ class _View:
         self.model = Model()
         self.painter = None
         self.captures = None
-        self.displaced = None
+        self.displaced: Displaced | None = None
         self.framebuffer = None
         self.space = 0
         self.failure = ""
@@ -366,6 +370,7 @@ def _sample(
     number = painter.samples if edges_of is None else painter.samples + 1
     jitter = _jitter(number) if number else (0.0, 0.0)
     pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
+    displaced = _draw_displaced(view, jitter)
     began, mine = time.perf_counter(), time.thread_time()
     drawn = painter.sample(
         jitter,
@@ -374,7 +379,7 @@ def _sample(
         pixels,
         edges_of,
         disperses=seconds is not None,
-        displaced=view.displaced if view.displaced and view.displaced.can_draw else None,
+        displaced=displaced,
     )
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
@@ -388,6 +393,17 @@ def _sample(
         # Of a whole sample: strips differ, and samples of edges alone tell nothing.
         if edges_of is None:
             view.speed = drawn / spent
+
+
+def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | None:
+    """Draw displaced things for a sample; None where there are none, or not yet."""
+    displaced = view.displaced
+    if displaced is None or not displaced.can_draw:
+        return None
+    mine = time.thread_time()
+    displaced.draw(view.painter, jitter, view.captures.textures)
+    view.gpu_seconds += time.thread_time() - mine
+    return displaced
 
 
 def _jitter(number: int) -> tuple[float, float]:
