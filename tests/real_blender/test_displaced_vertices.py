@@ -35,6 +35,8 @@ def view(installed):
 def test_displaced_things_look_as_by_rays(view, name):
     assert view["failures"] == []
     assert view["psnr"][name] > 32.0
+    # Two ways of drawing never agree to the last bit: else something covers the view.
+    assert (view["psnr"][name] < 90.0) == (name != "parallel")
 
 
 def test_a_mesh_is_handed_over_again_only_when_it_changed(view):
