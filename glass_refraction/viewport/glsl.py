@@ -8,6 +8,7 @@ stands before it: `PICTURE` looks its colour up, a test writes its exit ray.
 
 from __future__ import annotations
 
+from .bending import COURSE_BASE, MOST_DIGITS
 from .description import (
     CHORD_ROWS,
     CUBIC_ROWS,
@@ -57,6 +58,8 @@ CONSTANTS = f"""
 #define PROFILE {PROFILE}
 #define ENDLESS {ENDLESS}
 #define HOLLOW {HOLLOW}
+#define COURSE_BASE {COURSE_BASE}
+#define LONGEST_COURSE {COURSE_BASE ** (MOST_DIGITS - 1)}
 """
 
 HOOKS = """
@@ -87,11 +90,27 @@ FOLLOW = (
 #define NEWTON_STEPS 4
 /* Meetings with chords that are tried until one is a meeting with the curve. */
 #define CHORD_TRIES 3
+/* A course: the interfaces that a way crossed, a digit of base 32 each; -1 for ways that were
+ * mirrored, are too long or met another glass. */
+#define NO_COURSE -1
 /* By how much the square of a miss, in units of the glass, may be one because chords lie beside
  * the curve. */
 #define SAG_SLACK 4e-4
 
+/* Of the way that is followed. */
+int course = 0;
+
 vec4 row(int k) { return glasses.rows[k]; }
+
+/* The course after one more interface of glass g, whose row is `met`. */
+int crossing(int g, int met)
+{
+  if (course < 0 || course >= LONGEST_COURSE) {
+    return NO_COURSE;
+  }
+  int number = (met - int(row(1 + GLASS_ROWS * g).x)) / INTERFACE_ROWS;
+  return course * COURSE_BASE + min(number, COURSE_BASE - 2) + 1;
+}
 
 /* Where a circle or sphere is met (see _meet_round in optics/surfaces.py), NOWHERE if not ahead.
  * `size2`: squared distance of the start from the middle. */
@@ -436,11 +455,12 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
   vec3 places[PENDING];
   vec3 alongs[PENDING];
   vec4 lights[PENDING];
-  ivec3 states[PENDING];
+  ivec4 states[PENDING];
   int pending = 0;
   vec3 p = place, d = along;
   vec4 light = vec4(1.0);
   int g = glass, m = medium, events = 0, ways = 0;
+  course = glass < 0 ? 0 : NO_COURSE;
   float first_way = NOWHERE;
   bool alive = true;
   for (int guard = 0; guard < MOST_STRETCHES; guard++) {
@@ -456,7 +476,7 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
       }
       pending--;
       p = places[best]; d = alongs[best]; light = lights[best];
-      g = states[best].x; m = states[best].y; events = states[best].z;
+      g = states[best].x; m = states[best].y; events = states[best].z; course = states[best].w;
       places[best] = places[pending]; alongs[best] = alongs[pending];
       lights[best] = lights[pending]; states[best] = states[pending];
       alive = true;
@@ -517,6 +537,7 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
       continue;
     }
     if (outside) {
+      course = events > 0 && hit != g ? NO_COURSE : course;
       m = hit == g ? m : int(row(9 + GLASS_ROWS * hit).z);
       g = hit;
       way /= row(9 + GLASS_ROWS * g).x;
@@ -560,6 +581,9 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
     vec3 second = mirror_first ? d : turned;
     vec4 rest = mirror_first ? light : other;
     int second_medium = mirror_first ? beyond : m;
+    int crossed = crossing(g, met);
+    course = mirror_first ? NO_COURSE : crossed;
+    int second_course = mirror_first ? crossed : NO_COURSE;
     if (mirror_first) {
       d = turned;
       light = other;
@@ -589,7 +613,7 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
         places[slot] = out_again ? to_common(g, here) : here;
         alongs[slot] = out_again ? turn_out(g, second) : second;
         lights[slot] = rest;
-        states[slot] = ivec3(g, second_medium, events);
+        states[slot] = ivec4(g, second_medium, events, second_course);
       }
     }
     if (light.w > enough) {
@@ -622,7 +646,7 @@ vec4 smooth_at(sampler2D tx, vec2 pixel)
 }
 """
 
-LOOKUP = """
+VIEWS = """
 #define FAR_OFF 1e19
 #define TILE 8
 /* Pixels from look to look where a tile does not tell. */
@@ -652,9 +676,6 @@ LOOKUP = """
 #define TOUCHING 0.03
 /* How much nearer than the glass a thing must be to cover it, in common units. */
 #define NEARER 0.004
-
-vec4 sum = vec4(0.0);
-float got = 0.0;
 
 /* By how much depths differ at an edge, at a depth of z. */
 float edge_at(float z) { return EDGE * (view.pixel.x + view.pixel.y * z); }
@@ -743,6 +764,13 @@ vec4 capture_colour(int slot, vec3 d)
   vec3 colour = mixed.a > 0.0 ? mixed.rgb / mixed.a : texelFetch(capture_tx, middle, 0).rgb;
   return vec4(colour, depth <= -FAR_OFF ? 0.0 : 1.0);
 }
+"""
+
+LOOKUP = (
+    VIEWS
+    + """
+vec4 sum = vec4(0.0);
+float got = 0.0;
 
 /* The part of a ray that the view can show: false if there is none. */
 bool in_view(vec4 begin, vec4 step_, float z0, float z1, inout float low, inout float high)
@@ -1121,6 +1149,7 @@ bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number)
   return false;
 }
 """
+)
 
 MAIN = """
 /* Differences from pixel to pixel, as they are and as part of the colour, from which on more

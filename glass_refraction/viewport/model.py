@@ -125,6 +125,10 @@ class Model:
                 self.problems.append(f"A glass is left out of the view: {error}")
                 self.glasses.pop()
 
+    def dispersing(self) -> list[bool]:
+        """Of each glass whether red, green and blue light go different ways."""
+        return [len(set(seen)) > 1 for seen in self._bands[: len(self.glasses)]]
+
     def _pack_bands(self) -> list[np.ndarray]:
         count = len(self.glasses)
         if all(len(set(seen)) == 1 for seen in self._bands[:count]):

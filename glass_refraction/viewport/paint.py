@@ -164,7 +164,7 @@ class Painter:
         self._used: list[_Layer] = []
         self._drawn = self._layers[0]
         self._blocks: list[tuple] = []
-        self._view_block = None
+        self.view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
         self._depths = self._lines_at = (0.0, 0.0)
@@ -191,7 +191,7 @@ class Painter:
         )
         if not same:
             self._blocks = [(block, _uniform(block)) for block in blocks]
-        self._view_block = _uniform(pack_view(view, frame, within, captures, scene_reach))
+        self.view_block = _uniform(pack_view(view, frame, within, captures, scene_reach))
         self._view = view
         middles = np.array([glass.middle() for glass in glasses])
         ahead = view.clip(middles)[:, 3] / frame.unit - depth_begin(view, frame)
@@ -231,6 +231,11 @@ class Painter:
         return self._used[0].divisor if self._used else 0
 
     @property
+    def grid(self) -> tuple[tuple[int, int], int]:
+        """Size in samples of the layer that is drawn now, and pixels a side for each."""
+        return self._drawn.size, self._drawn.divisor
+
+    @property
     def samples(self) -> int:
         """Samples that the layer has which is drawn now."""
         return self._drawn.samples
@@ -243,6 +248,7 @@ class Painter:
         pixels: int | None = None,
         edges_of: int | None = None,
         disperses: bool = False,
+        displaced=None,
     ) -> int:
         """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
 
@@ -252,6 +258,7 @@ class Painter:
         edges_of : number of the layer of which only the edges get a sample.
         disperses : follow red, green and blue light each on its own, if that differs.
         pixels : about how many to draw now; the next call goes on. None: all.
+        displaced : `displaced.Displaced`, if it drew what is refracted only.
 
         Returns
         -------
@@ -264,15 +271,15 @@ class Painter:
             strips, self._strips = self._strips, []
         else:
             strips = [self._take(pixels)]
-        shader = _shader("picture")
         layer = self._drawn
+        shader = _shader("picture") if displaced is None else displaced.shader
         with layer.target.bind():
             gpu.state.viewport_set(0, 0, *layer.size)
             gpu.state.depth_test_set("NONE")
             gpu.state.depth_mask_set(False)
             gpu.state.blend_set("ADDITIVE_PREMULT")
             shader.bind()
-            shader.uniform_block("view", self._view_block)
+            shader.uniform_block("view", self.view_block)
             shader.uniform_sampler("direct_tx", self.direct.colour)
             shader.uniform_sampler("depth_tx", self.direct.depth)
             shader.uniform_sampler("tile_tx", self.direct.tiles)
@@ -286,6 +293,8 @@ class Painter:
             shader.uniform_int("most", way.most)
             shader.uniform_int("splits", int(way.splits))
             shader.uniform_int("has_depth", int(self.direct.has_depth))
+            if displaced is not None:
+                displaced.bind(shader)
             for uniform, band in self._passes(disperses):
                 shader.uniform_block("glasses", uniform)
                 shader.uniform_float("band", band)

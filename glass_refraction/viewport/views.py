@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections import Counter
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -25,6 +26,9 @@ from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from .eye import view_eye
 from .jobs import is_compiling, is_rendering
 from .model import Model
+
+if TYPE_CHECKING:
+    from .displaced import Displaced
 
 MOVING, FIRST, MORE = range(3)
 """Which picture is drawn: of what moves, or at rest its first sample or further ones at edges."""
@@ -72,6 +76,7 @@ class _View:
         self.model = Model()
         self.painter = None
         self.captures = None
+        self.displaced: Displaced | None = None
         self.framebuffer = None
         self.space = 0
         self.failure = ""
@@ -147,6 +152,8 @@ def status(space: bpy.types.SpaceView3D) -> list[str]:
         if view.space != space.as_pointer():
             continue
         lines += view.problems
+        if view.displaced is not None:
+            lines += view.displaced.status()
         working = view.line()
         if working:
             lines.append(working)
@@ -244,9 +251,11 @@ def _after_view() -> None:
 
 def _draw(view: _View, context: bpy.types.Context) -> None:
     from .capture import Captures
+    from .displaced import Displaced
     from .paint import Painter
 
     space, region, scene = context.space_data, context.region, context.scene
+    settings = scene.refractive_glass
     view.space = space.as_pointer()
     layer = context.view_layer
     if layer.depsgraph is None or space.shading.type == "WIREFRAME":
@@ -270,8 +279,14 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     )
     key = (scene.session_uid, generation(scene), space.local_view is not None)
     looks = _looks(space)
+    displaces = settings.shading == "DISPLACED"
+    if (view.displaced is not None) != displaces:
+        view.displaced = Displaced() if displaces else None
+        model.key = ()
     if model.key != key:
         model.read(layer, space)
+        if displaces:
+            view.displaced.arrange(layer, space, model.glasses)
         model.key = key
         view.problems = model.problems + _unmarked(layer, True)
     # Much is evaluated anew of which nothing can be seen.
@@ -291,8 +306,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
-    settings = scene.refractive_glass
-    stamp = (seen, looks, eye.stamp(), settings.surface, settings.min_weight, captures.version)
+    drawn = (settings.surface, settings.min_weight, _displaced_version(view))
+    stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     if changed or stamp != view.stamp:
         moved = stamp[:-1] != view.stamp[:-1]
         view.stamp = stamp
@@ -318,6 +333,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
 def _describe(view: _View, eye) -> None:
     model = view.model
     model.look_from(eye)
+    if view.displaced is not None:
+        view.displaced.look_from(eye, model.frame, model.glasses, model.dispersing())
     view.painter.describe(
         [model.block, *model.bands],
         eye,
@@ -327,6 +344,11 @@ def _describe(view: _View, eye) -> None:
         view.captures.listed(),
         model.scene_reach(),
     )
+
+
+def _displaced_version(view: _View) -> int:
+    """Grows as displaced things change; -1 where none are drawn."""
+    return -1 if view.displaced is None else view.displaced.things.version
 
 
 def _divisor(view: _View) -> int:
@@ -348,9 +370,16 @@ def _sample(
     number = painter.samples if edges_of is None else painter.samples + 1
     jitter = _jitter(number) if number else (0.0, 0.0)
     pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
+    displaced = _draw_displaced(view, jitter)
     began, mine = time.perf_counter(), time.thread_time()
     drawn = painter.sample(
-        jitter, way, view.captures.textures, pixels, edges_of, disperses=seconds is not None
+        jitter,
+        way,
+        view.captures.textures,
+        pixels,
+        edges_of,
+        disperses=seconds is not None,
+        displaced=displaced,
     )
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
@@ -364,6 +393,17 @@ def _sample(
         # Of a whole sample: strips differ, and samples of edges alone tell nothing.
         if edges_of is None:
             view.speed = drawn / spent
+
+
+def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | None:
+    """Draw displaced things for a sample; None where there are none, or not yet."""
+    displaced = view.displaced
+    if displaced is None or not displaced.can_draw:
+        return None
+    mine = time.thread_time()
+    displaced.draw(view.painter, jitter, view.captures.textures)
+    view.gpu_seconds += time.thread_time() - mine
+    return displaced
 
 
 def _jitter(number: int) -> tuple[float, float]:
@@ -492,6 +532,12 @@ def _work(view: _View, window, space, region) -> None:
     scene, painter, captures = window.scene, view.painter, view.captures
     if view.waits:
         return
+    if view.displaced is not None and view.displaced.things.has_work:
+        view.displaced.things.work(window.view_layer, SLICE_SECONDS)
+        if not view.displaced.things.has_work:
+            view.waits = True
+            region.tag_redraw()
+        return
     if captures.left:
         if view.model.key[:2] != (scene.session_uid, generation(scene)):
             # Drawn anew, the view asks again.
@@ -578,6 +624,9 @@ def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     What the extension makes for renders comes and goes in one update with everything that shares
     data with it; nothing of that may be seen.
     """
+    from .things import note_changes
+
+    note_changes(depsgraph)
     updates = [(update, own(update.id)) for update in depsgraph.updates]
     echo = any(mine for _, mine in updates)
     for update, mine in updates:
