@@ -31,8 +31,8 @@ _SIZES = {
     "Cylinder": ("Radius", "Wall Thickness", "Height"),
     "Rod": ("Radius", "Height"),
     "Sphere": ("Radius", "Wall Thickness"),
-    "Tumbler": ("Radius", "Wall Thickness", "Height", "Bottom Thickness", "Liquid Level"),
-    "Revolution": ("Profile", "Liquid Level"),
+    "Tumbler": ("Radius", "Wall Thickness", "Height", "Bottom Thickness"),
+    "Revolution": ("Profile",),
     "Mesh": (),
 }
 _CONTENTS = {
@@ -42,10 +42,15 @@ _CONTENTS = {
     "Tumbler": "Liquid",
     "Revolution": "Liquid",
 }
-_DISPLAY = ("Segments", "Material")
+_LEVEL = "Liquid Level"
+_OF_GLASS = ("Abbe Number", "Priority")
+_COLOUR = ("Absorption Color", "Absorption Distance")
+_DISPLAY = ("Seen Through", "Casts Shadow", "Segments", "Material")
 _ARRANGED = {
     *(name for names in _SIZES.values() for name in names),
-    *("Shape", "IOR", "Contents IOR", "Seen Through"),
+    *("Shape", "IOR", "Contents IOR", _LEVEL, "Contents Abbe Number"),
+    *(f"{medium}{name}" for medium in ("", "Contents ") for name in _COLOUR),
+    *_OF_GLASS,
     *_DISPLAY,
 }
 _LISTS = {
@@ -112,41 +117,75 @@ class _Glass:
         obj = context.object
         modifier = glass_modifier(obj)
         shape = read_input(modifier, "Shape")
-        column = layout.column()
-        draw_input(column, modifier, "Shape")
+        _draw_problems(layout, context, obj, modifier)
+        draw_input(layout.column(), modifier, "Shape")
         column = layout.column(align=True)
         for name in _SIZES[shape]:
             draw_input(column, modifier, name)
         if shape == "Slab":
             draw_lines(layout, context, _iface("The object's flat mesh is the outline"), "INFO")
-        column = layout.column(align=True)
         if shape == "Mesh":
-            evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
-            _draw_mesh(layout, context, evaluated)
-            _draw_material(layout, context, obj)
-            column = layout.column(align=True)
+            _draw_mesh(layout, context, obj.evaluated_get(context.evaluated_depsgraph_get()))
         else:
             text = _iface("Closed form: its surfaces are exact")
             draw_lines(layout, context, text, "INFO")
-        column.prop(obj, "refractive_glass_medium")
-        draw_input(column, modifier, "IOR")
+        body = _section(layout, "Glass")
+        if body is not None:
+            if shape == "Mesh":
+                _draw_material(body, context, obj)
+            column = body.column(align=True)
+            column.prop(obj, "refractive_glass_medium")
+            for name in ("IOR", *_OF_GLASS):
+                draw_input(column, modifier, name)
         if shape in _CONTENTS:
-            column = layout.column(align=True)
-            column.prop(obj, "refractive_glass_contents", text=_CONTENTS[shape])
-            draw_input(column, modifier, "Contents IOR", "IOR")
-        draw_input(layout.column(), modifier, "Seen Through")
-        column = layout.column(align=True)
-        for name in _more_inputs(modifier):
-            draw_input(column, modifier, name)
-        column = layout.column(align=True)
-        for name in _DISPLAY:
-            draw_input(column, modifier, name)
-        for problem in door.status(context.scene).problems:
-            if f'"{obj.name}"' in problem:
-                draw_lines(layout, context, problem, "ERROR")
-        if not modifier.show_render:
-            text = _iface("The modifier is off in renders: switch it on to see through the glass")
-            draw_lines(layout, context, text, "ERROR")
+            body = _section(layout, _CONTENTS[shape])
+            if body is not None:
+                _draw_contents(body, obj, modifier, shape)
+        body = _section(layout, "Color", closed=True)
+        if body is not None:
+            for medium in ("", "Contents ") if shape in _CONTENTS else ("",):
+                column = body.column(align=True)
+                for name in _COLOUR:
+                    draw_input(column, modifier, f"{medium}{name}")
+        body = _section(layout, "Display", closed=True)
+        if body is not None:
+            column = body.column(align=True)
+            for name in (*_DISPLAY, *_more_inputs(modifier)):
+                draw_input(column, modifier, name)
+
+
+def _section(
+    layout: bpy.types.UILayout, name: str, *, closed: bool = False
+) -> bpy.types.UILayout | None:
+    """A part of a panel with a header to fold it by; None while it is folded."""
+    header, body = layout.panel(f"refractive_glass_{name.lower()}", default_closed=closed)
+    header.label(text=name)
+    return body
+
+
+def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context, obj, modifier) -> None:
+    """What keeps the glass from being shown, before all that can be set."""
+    for problem in door.status(context.scene).problems:
+        if f'"{obj.name}"' in problem:
+            draw_lines(layout, context, problem, "ERROR")
+    if not modifier.show_render:
+        text = _iface("The modifier is off in renders: switch it on to see through the glass")
+        draw_lines(layout, context, text, "ERROR")
+
+
+def _draw_contents(layout: bpy.types.UILayout, obj, modifier, shape: str) -> None:
+    """What is in a glass or behind a pane; an empty glass holds air, whatever it may hold."""
+    empty = False
+    if _CONTENTS[shape] == "Liquid":
+        draw_input(layout.column(), modifier, _LEVEL)
+        empty = read_input(modifier, _LEVEL) <= 0.0
+    if empty:
+        layout.label(text="Empty: it holds air", icon="INFO")
+    column = layout.column(align=True)
+    column.active = not empty
+    column.prop(obj, "refractive_glass_contents", text=_CONTENTS[shape])
+    draw_input(column, modifier, "Contents IOR", "IOR")
+    draw_input(column, modifier, "Contents Abbe Number", "Abbe Number")
 
 
 def _draw_mesh(
@@ -229,8 +268,14 @@ class _Scene:
         settings = context.scene.refractive_glass
         column = layout.column()
         column.active = settings.enabled
-        for name in ("shading", "surface", _OF_SHADING[settings.shading], "min_weight"):
+        for name in ("shading", "surface", "quality"):
             column.prop(settings, name)
+        body = _section(layout, "Advanced", closed=True)
+        if body is not None:
+            column = body.column()
+            column.active = settings.enabled
+            for name in (_OF_SHADING[settings.shading], "min_weight"):
+                column.prop(settings, name)
         for problem in door.status(context.scene).problems:
             draw_lines(layout, context, problem, "ERROR")
         row = layout.row(align=True)

@@ -12,6 +12,29 @@ def _changed(_settings, context: bpy.types.Context) -> None:
     handlers.request_update(context.scene)
 
 
+_QUALITIES = {
+    "DRAFT": {"captures": 1, "min_weight": 0.03, "tolerance_px": 1.0},
+    "GOOD": {"captures": 3, "min_weight": 0.01, "tolerance_px": 0.25},
+    "FINAL": {"captures": 3, "min_weight": 0.003, "tolerance_px": 0.1},
+}
+"""The settings that a quality stands for."""
+_OWN = "CUSTOM"
+
+
+def _read_quality(settings: SceneSettings) -> int:
+    """Number of the quality that all settings agree with."""
+    for number, values in enumerate(_QUALITIES.values()):
+        if all(abs(getattr(settings, name) - v) < 1e-6 for name, v in values.items()):
+            return number
+    return len(_QUALITIES)
+
+
+def _write_quality(settings: SceneSettings, number: int) -> None:
+    if number < len(_QUALITIES):
+        for name, value in list(_QUALITIES.values())[number].items():
+            setattr(settings, name, value)
+
+
 class SceneSettings(bpy.types.PropertyGroup):
     """How the scene's glasses are computed and composited."""
 
@@ -49,6 +72,18 @@ class SceneSettings(bpy.types.PropertyGroup):
         ),
         default="GLASS",
         update=_changed,
+    )
+    quality: bpy.props.EnumProperty(
+        name="Quality",
+        description="Sets what is under Advanced",
+        items=(
+            ("DRAFT", "Draft", "Strong light paths and one capture: for a quick look"),
+            ("GOOD", "Good", "What carries more than a hundredth of the light"),
+            ("FINAL", "Final", "Faint reflections, too. Takes two to three times as long"),
+            (_OWN, "Custom", "As set under Advanced"),
+        ),
+        get=_read_quality,
+        set=_write_quality,
     )
     min_weight: bpy.props.FloatProperty(
         name="Minimum Weight",

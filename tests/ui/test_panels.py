@@ -24,6 +24,9 @@ class _Layout:
 
     row = column = split = box = _inner
 
+    def panel(self, name, default_closed=False):
+        return self, self
+
     def separator(self):
         self.drawn.append("---")
 
@@ -100,9 +103,31 @@ def test_every_input_of_the_modifier_is_drawn_for_some_shape():
         drawn |= set(_drawn(panels.OBJECT_PT_refractive_glass))
     for item in glass_modifier(obj).node_group.interface.items_tree:
         if item.item_type == "SOCKET" and item.in_out == "INPUT" and not item.hide_in_modifier:
-            # The contents' index of refraction stands under the contents.
-            name = "Contents" if item.name == "Contents IOR" else item.name
+            # The contents' numbers stand under the contents.
+            under = item.name in ("Contents IOR", "Contents Abbe Number")
+            name = "Contents" if under else item.name
             assert name in drawn or item.socket_type == "NodeSocketGeometry"
+
+
+def test_an_empty_glass_says_that_it_holds_air():
+    obj = _glass(shape="TUMBLER")
+    for level, empty in ((0.0, True), (0.05, False)):
+        write_input(glass_modifier(obj), "Liquid Level", level)
+        drawn = _drawn(panels.OBJECT_PT_refractive_glass)
+        assert ("Empty: it holds air" in drawn) == empty
+
+
+def test_a_quality_stands_for_settings_and_settings_tell_the_quality():
+    settings = bpy.context.scene.refractive_glass
+    assert settings.quality == "GOOD"
+    for quality in ("DRAFT", "FINAL", "GOOD"):
+        settings.quality = quality
+        assert settings.quality == quality
+    settings.min_weight = 0.02
+    assert settings.quality == "CUSTOM"
+    settings.quality = "CUSTOM"
+    assert settings.min_weight == pytest.approx(0.02)
+    assert {"quality", "min_weight"} <= set(_drawn(panels.RENDER_PT_refractive_glass))
 
 
 def test_no_glass_no_glass_panel():
