@@ -43,6 +43,18 @@ _CONTENTS = {
     "Revolution": "Liquid",
 }
 _LEVEL = "Liquid Level"
+_SHORT = {
+    "Wall Thickness": "Wall",
+    "Bottom Thickness": "Bottom",
+    _LEVEL: "Level",
+    "Contents IOR": "IOR",
+    "Contents Abbe Number": "Abbe Number",
+    "Absorption Color": "Color",
+    "Absorption Distance": "at a Depth of",
+    "Contents Absorption Color": "Contents",
+    "Contents Absorption Distance": "at a Depth of",
+}
+"""Labels where the input's name is cut off at the sidebar's usual width, or its part says it."""
 _OF_GLASS = ("Abbe Number", "Priority")
 _COLOUR = ("Absorption Color", "Absorption Distance")
 _DISPLAY = ("Seen Through", "Casts Shadow", "Segments", "Material")
@@ -64,13 +76,12 @@ def draw_input(
     layout: bpy.types.UILayout,
     modifier: bpy.types.NodesModifier,
     name: str,
-    text: str | None = None,
 ) -> None:
     """Draw an input of the glass's modifier, to be keyframed and driven as any property."""
     owner, place = value_place(modifier, name)
     items = modifier.node_group.interface.items_tree
     kind = next(i.socket_type for i in items if i.name == name and i.item_type == "SOCKET")
-    text = _iface(text or name)
+    text = _iface(_SHORT.get(name, name))
     if kind in _LISTS:
         layout.prop_search(owner, place, bpy.data, _LISTS[kind], text=text, translate=False)
     else:
@@ -184,8 +195,8 @@ def _draw_contents(layout: bpy.types.UILayout, obj, modifier, shape: str) -> Non
     column = layout.column(align=True)
     column.active = not empty
     column.prop(obj, "refractive_glass_contents", text=_CONTENTS[shape])
-    draw_input(column, modifier, "Contents IOR", "IOR")
-    draw_input(column, modifier, "Contents Abbe Number", "Abbe Number")
+    draw_input(column, modifier, "Contents IOR")
+    draw_input(column, modifier, "Contents Abbe Number")
 
 
 def _draw_mesh(

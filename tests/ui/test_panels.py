@@ -82,10 +82,10 @@ def _glass(**values):
 @pytest.mark.parametrize(
     ("shape", "there", "missing"),
     [
-        ("SLAB", {"Wall Thickness", "Behind"}, {"Radius", "Height"}),
-        ("CYLINDER", {"Radius", "Wall Thickness", "Height", "Contents"}, set()),
-        ("ROD", {"Radius", "Height"}, {"Wall Thickness", "Contents"}),
-        ("SPHERE", {"Radius", "Wall Thickness", "Contents"}, {"Height"}),
+        ("SLAB", {"Wall", "Behind"}, {"Radius", "Height"}),
+        ("CYLINDER", {"Radius", "Wall", "Height", "Contents"}, set()),
+        ("ROD", {"Radius", "Height"}, {"Wall", "Contents"}),
+        ("SPHERE", {"Radius", "Wall", "Contents"}, {"Height"}),
     ],
 )
 def test_a_glass_shows_what_its_shape_uses(shape, there, missing):
@@ -103,10 +103,10 @@ def test_every_input_of_the_modifier_is_drawn_for_some_shape():
         drawn |= set(_drawn(panels.OBJECT_PT_refractive_glass))
     for item in glass_modifier(obj).node_group.interface.items_tree:
         if item.item_type == "SOCKET" and item.in_out == "INPUT" and not item.hide_in_modifier:
-            # The contents' numbers stand under the contents.
-            under = item.name in ("Contents IOR", "Contents Abbe Number")
-            name = "Contents" if under else item.name
-            assert name in drawn or item.socket_type == "NodeSocketGeometry"
+            assert (
+                panels._SHORT.get(item.name, item.name) in drawn
+                or item.socket_type == "NodeSocketGeometry"
+            )
 
 
 def test_an_empty_glass_says_that_it_holds_air():
