@@ -173,8 +173,9 @@ def draw_thing(shader, thing: Placed, one: Bending, part: int) -> None:
         return
     shader.uniform_float("place", place.T.ravel().tolist())
     shader.uniform_float("base", thing.colour)
-    for batch in mesh.batches:
-        batch.draw(shader)
+    for batch, may_be_held in mesh.batches:
+        if may_be_held or part == EXIT:
+            batch.draw(shader)
 
 
 def _may_be_held(place: np.ndarray, mesh, one: Bending) -> bool:

@@ -9,6 +9,8 @@ FINEST = 1.0 / 16.0
 """Of a glass's reach: the longest edge at the glass that is left as it is."""
 BY_DISTANCE = 1.0 / 16.0
 """Of the distance from the glass: the longest edge farther off."""
+ROOM = 1.5
+"""Reaches of a glass: what is farther off it cannot hold, also when it has moved a little."""
 MOST_TRIANGLES = 150_000
 """Of a mesh's large triangles, after which they are left as they are."""
 MOST_ROUNDS = 60
@@ -71,6 +73,17 @@ def refined(
         kept = np.delete(triangles, split, axis=0)
         triangles = np.concatenate((kept, halves.astype(triangles.dtype)))
     return points, triangles
+
+
+def is_far(
+    points: np.ndarray, triangles: np.ndarray, glasses: list[tuple[np.ndarray, float]]
+) -> np.ndarray:
+    """(T,) which triangles, none of them large, no glass can hold, even if it moves a little."""
+    far = np.ones(len(triangles), bool)
+    for centre, reach in glasses:
+        away = np.linalg.norm(points - centre, axis=1)
+        far &= (away[triangles] > ROOM * reach).all(axis=1)
+    return far
 
 
 def _excess(begin: np.ndarray, end: np.ndarray, glasses) -> np.ndarray:

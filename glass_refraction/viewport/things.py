@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import bpy
 import gpu
@@ -19,7 +20,7 @@ import numpy as np
 
 from ..scene.read.arrays import positions
 from ..scene.read.sources import Piece, is_carried, pieces, source_objects
-from .refine import is_large, refined
+from .refine import is_far, is_large, refined
 
 CHUNK = 200_000
 """Triangles that are handed over at a time."""
@@ -51,6 +52,7 @@ class _Mesh:
     wanted : of the geometry as it is now. given_up : of one that was gone before it was read.
     glasses : (middle, reach) of the glasses, in the mesh's frame, as they are now; divided_for:
         those for which large triangles were divided, None if there are none.
+    batches : with each whether a glass may hold something of it.
     middle, radius : of a ball that holds all vertices, in the mesh's frame.
     """
 
@@ -181,7 +183,7 @@ class Things:
                 read.append(step(part.mesh))
             yield
         points, _, triangles = read
-        large = np.zeros(len(triangles), bool)
+        large, last_near = np.zeros(len(triangles), bool), len(triangles)
         for start in range(0, len(triangles), CHUNK):
             part = slice(start, start + CHUNK)
             large[part] = is_large(points, triangles[part], glasses)
@@ -192,8 +194,12 @@ class Things:
             more, parts = refined(
                 points[used].astype(float), index.reshape(-1, 3).astype(np.int32), glasses
             )
-            triangles = np.concatenate((triangles[~large], parts + np.int32(len(points))))
+            # Parts that are far from all glasses come last: no glass holds them.
+            far = is_far(more, parts, glasses)
+            parts = np.concatenate((parts[~far], parts[far])) + np.int32(len(points))
+            triangles = np.concatenate((triangles[~large], parts))
             points = np.concatenate((points, more.astype(np.float32)))
+            last_near = len(triangles) - int(far.sum())
             yield
         layout = gpu.types.GPUVertFormat()
         layout.attr_add(id="pos", comp_type="F32", len=3, fetch_mode="FLOAT")
@@ -202,10 +208,12 @@ class Things:
             vertices.attr_fill("pos", points)
         yield
         batches = []
-        for start in range(0, len(triangles), CHUNK):
-            chunk = np.ascontiguousarray(triangles[start : start + CHUNK], np.uint32)
+        starts = [*range(0, last_near, CHUNK), *range(last_near, len(triangles), CHUNK)]
+        for start, end in pairwise([*starts, len(triangles)]):
+            chunk = np.ascontiguousarray(triangles[start:end], np.uint32)
             indices = gpu.types.GPUIndexBuf(type="TRIS", seq=chunk)
-            batches.append(gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=indices))
+            batch = gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=indices)
+            batches.append((batch, start < last_near))
             yield
         low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3),) * 2
         mesh.batches, mesh.stamp, mesh.vertices = batches, wanted, len(points)

@@ -289,6 +289,18 @@ vec4 direct_colour(vec3 p, vec3 normal)
   return mixed.a > 0.0 ? vec4(mixed.rgb / mixed.a, 1.0) : vec4(0.0);
 }
 
+/* Where no view is known to show a place: its surface's colour; while the view has no depths (that
+ * of EEVEE without overlays) what it shows there, whatever that is. */
+vec4 without_depth(vec3 p)
+{
+  vec4 clip = view.to_clip * vec4(p, 1.0);
+  if (has_depth != 0 || clip.w <= 0.0) {
+    return base;
+  }
+  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  return direct_at(clamp(pixel, vec2(0.5), view.size.xy - 0.5));
+}
+
 void main()
 {
   if (miss > MOST_MISS || !is_there(at)) {
@@ -302,7 +314,10 @@ void main()
       shown = vec4(capture_colour(slot, away).rgb, 1.0);
     }
   }
-  frag = vec4(shown.a > 0.0 ? shown.rgb : base.rgb, held != 0 ? HELD : EXIT);
+  if (shown.a == 0.0) {
+    shown = without_depth(p);
+  }
+  frag = vec4(shown.rgb, held != 0 ? HELD : EXIT);
 }
 """
 )

@@ -181,6 +181,7 @@ def doubt() -> None:
     """Data-blocks may have been replaced (undo, redo): everything is read anew."""
     for view in _views.values():
         view.model.key = view.stamp = ()
+        view.displaced = None
         view.failure = ""
 
 

@@ -40,7 +40,7 @@ def test_displaced_things_look_as_by_rays(view, name):
 
 
 def test_a_mesh_is_handed_over_again_only_when_it_changed(view):
-    assert view["uploads"] == {"moved": 0, "edited": 1}
+    assert view["uploads"] == {"moved": 0, "edited": 1, "doubted": 4}
 
 
 def test_the_view_says_what_rays_show_and_why(view):

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from glass_refraction.viewport.refine import BY_DISTANCE, FINEST, is_large, refined
+from glass_refraction.viewport.refine import BY_DISTANCE, FINEST, is_far, is_large, refined
 
 FLOOR = np.array([(-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0), (2, 2, 1.5)], float)
 TRIANGLES = np.array([(0, 1, 2), (0, 2, 3), (1, 4, 2)], np.int32)
@@ -62,3 +62,12 @@ def test_small_triangles_and_scenes_without_glass_stay_as_they_are():
     assert not is_large(FLOOR, TRIANGLES, []).any()
     points, triangles = refined(small, TRIANGLES, GLASSES)
     assert np.array_equal(points, small) and np.array_equal(triangles, TRIANGLES)
+
+
+def test_what_is_not_far_holds_all_that_a_glass_may_hold(parts):
+    points, triangles = parts
+    near = ~is_far(points, triangles, GLASSES)
+    assert 0 < near.sum() < 0.7 * len(triangles)
+    places = points[triangles].mean(axis=1)
+    for middle, reach in GLASSES:
+        assert near[np.linalg.norm(places - middle, axis=1) < 1.25 * reach].all()

@@ -161,6 +161,10 @@ def steps():
     yield from uploads("moved", move)
     yield from uploads("edited", edit)
     yield from both("after")
+    part("viewport.views").doubt()
+    space()[1].tag_redraw()
+    yield from rest()
+    result["uploads"]["doubted"] = of_view().displaced.things.version
     glass = next(o for o in bpy.data.objects if o.name.startswith("Refractive") or "lass" in o.name)
     settings = part("scene.read.modifier_inputs")
     modifier = part("scene.read.glasses").glass_modifier(glass)
