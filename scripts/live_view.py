@@ -73,20 +73,21 @@ def watch(views, capture) -> None:
     views._work, capture.Captures.draw = timed_work, timed_draw
 
 
-def redraws(move=lambda k: None) -> tuple[float, float]:
-    """Median seconds of a redraw, and of Python's part of it where the picture is shown."""
+def redraws(move=lambda k: None) -> tuple[float, float, float]:
+    """Medians of a redraw: seconds, CPU seconds, milliseconds of Python where it shows glass."""
     from glass_refraction.viewport import views
 
-    seconds, python = [], []
+    seconds, cpu, python = [], [], []
     for k in range(REDRAWS):
         move(k)
-        began = time.perf_counter()
+        began, busy = time.perf_counter(), time.process_time()
         with override():
             bpy.context.region.tag_redraw()
             bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
         seconds.append(time.perf_counter() - began)
+        cpu.append(time.process_time() - busy)
         python += [view.python_ms for view in views._views.values()]
-    return statistics.median(seconds), statistics.median(python) if python else 0.0
+    return tuple(statistics.median(v) if v else 0.0 for v in (seconds, cpu, python))
 
 
 def move_eye(k: int) -> None:
@@ -107,15 +108,15 @@ def mover():
 
 
 def final():
-    """Wait for the final picture; gives the seconds as the last value."""
+    """Wait for the final picture; gives the seconds, and the CPU seconds, as the last value."""
     from glass_refraction.viewport import views
 
-    began = time.perf_counter()
+    began, busy = time.perf_counter(), time.process_time()
     while time.perf_counter() - began < LIMIT_SECONDS:
         yield 0.02
         if views.at_rest():
             break
-    return time.perf_counter() - began
+    return time.perf_counter() - began, time.process_time() - busy
 
 
 def switch(on: bool) -> None:
@@ -137,23 +138,25 @@ def measure(path: str):
     yield SETTLE_SECONDS[SHADING]
     name, result = Path(path).stem, {}
     motions = {"still": lambda k: None, "eye": move_eye, "object": mover()}
-    plain = {motion: redraws(move)[0] for motion, move in motions.items()}
+    plain = {motion: redraws(move) for motion, move in motions.items()}
     yield SETTLE_SECONDS[SHADING] / 2
     held.update(work=0.0, face=0.0)
     switch(True)
-    result["first_s"] = yield from final()
+    result["first_s"], result["first_cpu_s"] = yield from final()
     yield 0.5
     screenshot(f"{name}_{SHADING.lower()}")
     held.update(work=0.0, face=0.0)
     for motion, move in motions.items():
-        seconds, python = redraws(move)
+        seconds, cpu, python = redraws(move)
+        plain_seconds, plain_cpu, _ = plain[motion]
         result[motion] = {
-            "plain_ms": 1e3 * plain[motion],
+            "plain_ms": 1e3 * plain_seconds,
             "ms": 1e3 * seconds,
-            "ratio": seconds / plain[motion],
+            "ratio": seconds / plain_seconds,
+            "cpu_ratio": cpu / plain_cpu,
             "python_ms": python,
         }
-    result["final_s"] = yield from final()
+    result["final_s"], result["final_cpu_s"] = yield from final()
     result["longest_work_s"], result["longest_face_s"] = held["work"], held["face"]
     result["failures"] = [view.failure for view in views._views.values() if view.failure]
     result["pixels"] = [view.painter.pixels for view in views._views.values() if view.painter]

@@ -1262,28 +1262,31 @@ bool is_line(ivec2 pixel)
   return false;
 }
 
+vec4 at_pixel(sampler2D tx)
+{
+  return divisor > 1.0 ? smooth_at(tx, gl_FragCoord.xy / divisor)
+                       : texelFetch(tx, ivec2(gl_FragCoord.xy), 0);
+}
+
 void main()
 {
-  vec2 place = gl_FragCoord.xy / divisor;
-  vec4 covers_ = smooth_at(cover_tx, place);
-  vec4 seen = smooth_at(color_tx, place);
-  if (more != 0) {
-    covers_ += smooth_at(more_cover_tx, place);
-    seen += smooth_at(more_color_tx, place);
-  }
-  seen /= max(covers_.g, 1.0);
+  vec4 covers_ = at_pixel(cover_tx);
   float covers = covers_.r / max(covers_.g, 1.0);
-  ivec2 pixel = ivec2(gl_FragCoord.xy);
-  float before = texelFetch(direct_tx, pixel, 0).a;
-  float after = (1.0 - covers) * before + min(seen.a, covers);
+  if (covers <= 0.0 && (part < 2 || lines_at.x >= lines_at.y)) {
+    discard;
+  }
   if (part == 0) {
     frag = vec4(1.0 - covers);
     return;
   }
+  vec4 seen = at_pixel(color_tx) / max(covers_.g, 1.0);
   if (part == 1) {
     frag = seen;
     return;
   }
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  float before = texelFetch(direct_tx, pixel, 0).a;
+  float after = (1.0 - covers) * before + min(seen.a, covers);
   bool erased = lines_at.x < lines_at.y && is_line(pixel);
   bool is_open = before < 0.99 && !erased;
   if (part == 2) {
@@ -1295,6 +1298,16 @@ void main()
 }
 """
 )
+
+# The samples of two layers.
+SUM = """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  color = texelFetch(color_tx, pixel, 0) + texelFetch(more_color_tx, pixel, 0);
+  cover = texelFetch(cover_tx, pixel, 0) + texelFetch(more_cover_tx, pixel, 0);
+}
+"""
 
 # The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
 # pixels wide, as their lines are, gets the depth of what lies on both sides of it.
@@ -1316,6 +1329,27 @@ void main()
   value = max(value, max(across, along));
   float depth = (line.x + line.y * value) / (line.z + line.w * value);
   frag = vec4(value >= 1.0 ? FAR_OFF : depth);
+}
+"""
+
+# The nearest and the farthest depth in each tile of the view.
+TILES = """
+#define TILE 8
+#define FAR_OFF 1e19
+
+void main()
+{
+  ivec2 last = textureSize(raw_tx, 0) - 1;
+  ivec2 first = ivec2(gl_FragCoord.xy) * TILE;
+  vec2 range = vec2(1.0, 0.0);
+  for (int y = 0; y < TILE; y++) {
+    for (int x = 0; x < TILE; x++) {
+      float value = texelFetch(raw_tx, min(first + ivec2(x, y), last), 0).r;
+      range = vec2(min(range.x, value), max(range.y, value));
+    }
+  }
+  vec2 depths = (line.x + line.y * range) / (line.z + line.w * range);
+  frag = vec4(range.x < 1.0 ? depths.x : FAR_OFF, range.y < 1.0 ? depths.y : FAR_OFF, 0.0, 0.0);
 }
 """
 

@@ -18,13 +18,14 @@ import numpy as np
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import Frame, Posed
-from .eye import common_line, depth_begin, depths, pack_view
+from .eye import common_line, depth_begin, pack_view
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
 
 _shaders: dict[str, object] = {}
-_FAR = 1e19
+WHOLE = (-1.0, -1.0, 1.0, 1.0)
+"""The box of a target that is filled from corner to corner."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Direct:
         self.stamp: np.ndarray | None = None
         self.python_seconds = 0.0
         self._buffers: tuple = ()
-        self._target = None
+        self._to_depth = self._to_tiles = None
 
     def read(self, framebuffer, view: Viewpoint, frame: Frame) -> bool:
         """Take the view's picture over; whether it differs from the last one."""
@@ -67,66 +68,68 @@ class Direct:
                 gpu.types.Buffer("FLOAT", (height, width, 4)),
                 gpu.types.Buffer("FLOAT", (height, width)),
             )
+            self.depth, self._to_depth = _target(view.size, "R32F")
+            # Four channels: two of them cannot be read back everywhere.
+            self.tiles, self._to_tiles = _target(tuple(-(-n // TILE) for n in view.size), "RGBA32F")
         colour, depth = self._buffers
         framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT", data=colour)
         framebuffer.read_depth(0, 0, width, height, data=depth)
-        self.colour = gpu.types.GPUTexture(view.size, format="RGBA16F", data=colour)
+        # As wide as it was read: to convert it to half floats takes longer than all the rest.
+        self.colour = gpu.types.GPUTexture(view.size, format="RGBA32F", data=colour)
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
-        self._linear(view)
+        self._fill(self._to_depth, "depth", view.size)
+        columns, rows = size = self.tiles.width, self.tiles.height
+        self._fill(self._to_tiles, "tiles", size)
+        with self._to_tiles.bind():
+            read = self._to_tiles.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
         began = time.thread_time()
-        values = np.asarray(depth)
-        tiles = _tiles(values, self.line)
+        tiles = np.asarray(read).reshape(rows, columns, 4)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
-        rows, columns, _ = tiles.shape
-        self.tiles = gpu.types.GPUTexture(
-            (columns, rows), format="RG32F", data=gpu.types.Buffer("FLOAT", tiles.shape, tiles)
-        )
         stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
         self.python_seconds = time.thread_time() - began
         return not same
 
-    def _linear(self, view: Viewpoint) -> None:
-        """Fill the texture of depths along the view from the depth buffer's values."""
-        if self.depth is None or (self.depth.width, self.depth.height) != view.size:
-            self.depth = gpu.types.GPUTexture(view.size, format="R32F")
-            self._target = gpu.types.GPUFrameBuffer(color_slots=[self.depth])
-        shader = _shader("depth")
-        with self._target.bind():
-            gpu.state.viewport_set(0, 0, *view.size)
+    def _fill(self, target, name: str, size: tuple[int, int]) -> None:
+        """Fill a texture that is made of the depth buffer's values."""
+        shader = _shader(name)
+        with target.bind():
+            gpu.state.viewport_set(0, 0, *size)
             gpu.state.depth_test_set("NONE")
             gpu.state.blend_set("NONE")
             shader.bind()
             shader.uniform_sampler("raw_tx", self.raw)
             shader.uniform_float("line", self.line)
-            shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
+            shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
 
 
-def _tiles(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
-    """(rows, columns, 2) float32: nearest and farthest depth of tiles, see `eye.common_line`."""
+def _target(size: tuple[int, int], *formats: str) -> tuple:
+    """Textures of a size, and a framebuffer that draws into them."""
+    textures = [gpu.types.GPUTexture(size, format=kind) for kind in formats]
+    return (*textures, gpu.types.GPUFrameBuffer(color_slots=textures))
+
+
+def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
+    """Nearest and farthest depths (rows, columns, 2) of tiles, for tests; needs a GPU context.
+
+    Parameters
+    ----------
+    values : (height, width) of a depth buffer. line : see `eye.common_line`.
+    """
     height, width = values.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
-    found = np.empty((rows, columns, 2), np.float32)
-    for axis, best in ((0, np.minimum), (1, np.maximum)):
-        by_row = _by_tiles(values, rows, best)
-        by_tile = _by_tiles(by_row.T, columns, best).T
-        far = by_tile >= 1.0
-        found[..., axis] = np.where(far, _FAR, depths(line, np.where(far, 0.0, by_tile)))
-    return found
-
-
-def _by_tiles(values: np.ndarray, count: int, best) -> np.ndarray:
-    """Rows (count, N) of which each is the best of TILE rows, the last of as many as are left."""
-    whole = len(values) // TILE
-    found = np.empty((count, values.shape[1]), values.dtype)
-    parts = values[: whole * TILE].reshape(whole, TILE, values.shape[1])
-    best.reduce(parts, axis=1, out=found[:whole])
-    if whole < count:
-        best.reduce(values[whole * TILE :], axis=0, out=found[whole])
-    return found
+    direct = Direct()
+    data = gpu.types.Buffer("FLOAT", values.shape, np.ascontiguousarray(values, np.float32))
+    direct.raw = gpu.types.GPUTexture((width, height), format="R32F", data=data)
+    direct.line = line
+    _, target = _target((columns, rows), "RGBA32F")
+    direct._fill(target, "tiles", (columns, rows))
+    with target.bind():
+        read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
+    return np.asarray(read).reshape(rows, columns, 4)[..., :2]
 
 
 class _Layer:
@@ -141,10 +144,7 @@ class _Layer:
     def clear(self, size: tuple[int, int], divisor: int) -> None:
         if self.size != size:
             self.size = size
-            self.colour, self.cover = (
-                gpu.types.GPUTexture(size, format="RGBA16F") for _ in range(2)
-            )
-            self.target = gpu.types.GPUFrameBuffer(color_slots=[self.colour, self.cover])
+            self.colour, self.cover, self.target = _target(size, "RGBA16F", "RGBA16F")
         self.divisor, self.samples = divisor, 0
         with self.target.bind():
             self.target.clear(color=(0.0, 0.0, 0.0, 0.0))
@@ -161,7 +161,8 @@ class Painter:
     def __init__(self) -> None:
         self.direct = Direct()
         self._layers = [_Layer() for _ in range(LAYERS)]
-        self._used: list[_Layer] = []
+        self._sum = _Layer()
+        self._used: _Layer | None = None
         self._drawn = self._layers[0]
         self._blocks: list[tuple] = []
         self._view_block = None
@@ -223,12 +224,32 @@ class Painter:
 
     def use(self, *numbers: int) -> None:
         """Show one layer from now on, or the sum of two."""
-        self._used = [self._layers[number] for number in numbers]
+        self._used, *others = (self._layers[number] for number in numbers)
+        for other in others:
+            self._add(self._used, other)
+            self._used = self._sum
+
+    def _add(self, one: _Layer, other: _Layer) -> None:
+        """Fill the layer that holds sums: what is shown often is added up once."""
+        self._sum.clear(one.size, one.divisor)
+        shader = _shader("sum")
+        with self._sum.target.bind():
+            gpu.state.viewport_set(0, 0, *one.size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("color_tx", one.colour)
+            shader.uniform_sampler("cover_tx", one.cover)
+            shader.uniform_sampler("more_color_tx", other.colour)
+            shader.uniform_sampler("more_cover_tx", other.cover)
+            for rect in self._rects:
+                shader.uniform_float("box", rect)
+                _quad().draw(shader)
 
     @property
     def divisor(self) -> int:
         """Pixels a side for a sample of what is shown; 0 before there is any."""
-        return self._used[0].divisor if self._used else 0
+        return self._used.divisor if self._used else 0
 
     @property
     def samples(self) -> int:
@@ -357,12 +378,8 @@ class Painter:
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("ADDITIVE_PREMULT" if part % 2 else "MULTIPLY")
         shader.bind()
-        one, other = self._used[0], self._used[-1]
-        shader.uniform_sampler("color_tx", one.colour)
-        shader.uniform_sampler("cover_tx", one.cover)
-        shader.uniform_sampler("more_color_tx", other.colour)
-        shader.uniform_sampler("more_cover_tx", other.cover)
-        shader.uniform_int("more", int(other is not one))
+        shader.uniform_sampler("color_tx", self._used.colour)
+        shader.uniform_sampler("cover_tx", self._used.cover)
         shader.uniform_sampler("direct_tx", self.direct.colour)
         shader.uniform_sampler("raw_tx", self.direct.raw)
         shader.uniform_sampler("depth_tx", self.direct.depth)
@@ -510,20 +527,17 @@ DESCRIPTIONS = {
             ("INT", "part"),
             ("VEC4", "line"),
             ("VEC2", "lines_at"),
-            ("INT", "more"),
             ("FLOAT", "divisor"),
         ],
-        "samplers": [
-            "color_tx",
-            "cover_tx",
-            "more_color_tx",
-            "more_cover_tx",
-            "direct_tx",
-            "raw_tx",
-            "depth_tx",
-        ],
+        "samplers": ["color_tx", "cover_tx", "direct_tx", "raw_tx", "depth_tx"],
         "outputs": ["frag"],
         "fragment": glsl.RESULT,
+    },
+    "sum": {
+        "constants": [("VEC4", "box")],
+        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx"],
+        "outputs": ["color", "cover"],
+        "fragment": glsl.SUM,
     },
     "exits": {
         "constants": [("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
@@ -537,6 +551,12 @@ DESCRIPTIONS = {
         "samplers": ["raw_tx"],
         "outputs": ["frag"],
         "fragment": glsl.DEPTH,
+    },
+    "tiles": {
+        "constants": [("VEC4", "box"), ("VEC4", "line")],
+        "samplers": ["raw_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.TILES,
     },
     "face": {
         "constants": [

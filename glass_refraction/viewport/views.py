@@ -19,9 +19,9 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..scene.changes import generation
-from ..scene.names import own
-from ..scene.read.glasses import glass_modifier, glass_objects
+from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
+from . import news
 from .eye import view_eye
 from .jobs import is_compiling, is_rendering
 from .model import Model
@@ -106,16 +106,6 @@ class _View:
         return ""
 
 
-_SHOWING = (
-    bpy.types.Material,
-    bpy.types.World,
-    bpy.types.Light,
-    bpy.types.Image,
-    bpy.types.Texture,
-)
-"""Data-blocks whose change may be seen though nothing moves."""
-_news: Counter[int] = Counter()
-"""By a scene's session uid: grows when something changed that may be seen."""
 _shown: set[int] = set()
 _views: dict[int, _View] = {}
 _handles: list = []
@@ -172,6 +162,7 @@ def at_rest() -> bool:
 
 def doubt() -> None:
     """Data-blocks may have been replaced (undo, redo): everything is read anew."""
+    news.forget()
     for view in _views.values():
         view.model.key = view.stamp = ()
         view.failure = ""
@@ -270,12 +261,13 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     )
     key = (scene.session_uid, generation(scene), space.local_view is not None)
     looks = _looks(space)
+    told = news.news(scene)
     if model.key != key:
-        model.read(layer, space)
+        if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
+            view.problems = model.problems + _unmarked(layer, True)
         model.key = key
-        view.problems = model.problems + _unmarked(layer, True)
     # Much is evaluated anew of which nothing can be seen.
-    seen = (_news[scene.session_uid], model.signature())
+    seen = (told.seen, model.signature())
     if view.stamp[:2] != (seen, looks) and model.glasses:
         captures.arrange(model.glasses, looks, model.boxes)
     if not model.glasses:
@@ -308,7 +300,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         # Else the engine only refines what it shows: what is there stays until better is done.
         view.stage = MOVING
         _ask_for_rest()
-    selected = any(obj.select_get(view_layer=layer) for obj in glass_objects(layer))
+    selected = any(obj.session_uid in model.shown for obj in layer.objects.selected)
     painter.show(view.framebuffer, _backdrop(context), lines=selected)
     python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
@@ -573,19 +565,12 @@ def _soon(function) -> None:
 
 @persistent
 def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Count what may be seen: what moves, and looks that are edited.
+    news.note(scene, depsgraph, new_frame=False)
 
-    What the extension makes for renders comes and goes in one update with everything that shares
-    data with it; nothing of that may be seen.
-    """
-    updates = [(update, own(update.id)) for update in depsgraph.updates]
-    echo = any(mine for _, mine in updates)
-    for update, mine in updates:
-        moved = update.is_updated_transform or update.is_updated_geometry
-        showing = isinstance(update.id, _SHOWING) and not echo
-        if (showing or (moved and isinstance(update.id, bpy.types.Object))) and not mine:
-            _news[scene.original.session_uid] += 1
-            return
+
+@persistent
+def _on_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    news.note(scene, depsgraph, new_frame=True)
 
 
 @persistent
@@ -618,7 +603,7 @@ def _on_save_post(*_) -> None:
 _ALWAYS = (("undo_post", _on_undo), ("redo_post", _on_undo), ("load_post", _on_load))
 _WHILE_SHOWN = (
     ("depsgraph_update_post", _on_update),
-    ("frame_change_post", _on_update),
+    ("frame_change_post", _on_frame),
     ("save_pre", _on_save_pre),
     ("save_post", _on_save_post),
     ("save_post_fail", _on_save_post),
