@@ -35,7 +35,6 @@ class Model:
     glasses, frame, block : see :mod:`description`.
     bands : the same blocks for red, green and blue light; empty if no glass disperses.
     shown : session uids of the objects that are glasses.
-    within : the glass that the eye is in, -1 for none, and the medium there.
     problems : one line for each glass that is left out.
     """
 
@@ -47,7 +46,6 @@ class Model:
         self.block: np.ndarray | None = None
         self.bands: list[np.ndarray] = []
         self.shown: set[int] = set()
-        self.within = (-1, 0)
         self.problems: list[str] = []
         self._bands: list[list] = []
         self._things: dict[int, str] = {}
@@ -93,7 +91,9 @@ class Model:
 
     def _list_things(self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D) -> None:
         """Find all things, and read their boxes."""
-        things = [o for o in source_objects(layer) if o.visible_get(view_layer=layer, viewport=space)]
+        things = [
+            o for o in source_objects(layer) if o.visible_get(view_layer=layer, viewport=space)
+        ]
         self._things = {obj.session_uid: obj.name for obj in things}
         self._beside = {o.session_uid for o in layer.objects if o.type in NEVER_SEEN}
         self._boxes, self._units = {}, {}
@@ -168,20 +168,14 @@ class Model:
 
     def look_from(self, view: Viewpoint) -> None:
         """Tell in which media the eye is, and write the block if that changed."""
-        within, outer = (-1, 0), []
-        for number, glass in enumerate(self.glasses):
+        outer = []
+        for glass in self.glasses:
             if view.is_parallel:
                 eye = glass.middle() - FAR_AWAY * glass.reach() * view.forward
             else:
                 eye = view.eye
             local = (eye - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]
-            medium = int(glass.body.medium_at(local))
-            if medium in glass.body.endless:
-                outer.append(medium)
-            else:
-                outer.append(0)
-                within = (number, medium)
-        self.within = within
+            outer.append(int(glass.body.medium_at(local)))
         if self.block is not None and outer == [glass.outer for glass in self.glasses]:
             return
         self.glasses = [

@@ -10,6 +10,7 @@ gizmos come on top of it as ever.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gpu
@@ -17,8 +18,9 @@ import numpy as np
 
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
-from .description import Frame, Posed
+from .description import Frame, Posed, trees_of
 from .eye import common_line, depth_begin, pack_view
+from .trees import ROW_BITS, Tree
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -165,6 +167,9 @@ class Painter:
         self._used: _Layer | None = None
         self._drawn = self._layers[0]
         self._blocks: list[tuple] = []
+        self._mesh = None
+        self._mesh_stamp: tuple = ()
+        self._trees: tuple[Tree, ...] = ()
         self._view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
@@ -177,7 +182,6 @@ class Painter:
         view: Viewpoint,
         frame: Frame,
         glasses: list[Posed],
-        within: tuple[int, int],
         captures: list[tuple[np.ndarray, int]],
         scene_reach: float,
     ) -> None:
@@ -192,7 +196,13 @@ class Painter:
         )
         if not same:
             self._blocks = [(block, _uniform(block)) for block in blocks]
-        self._view_block = _uniform(pack_view(view, frame, within, captures, scene_reach))
+        trees = trees_of(glasses)
+        stamp = tuple((id(tree), tree.version) for tree in trees)
+        if stamp != self._mesh_stamp:
+            # The trees are kept with it: an id is that of one tree only while there is the tree.
+            self._mesh_stamp, self._trees = stamp, trees
+            self._mesh = mesh_texture(trees) if trees else None
+        self._view_block = _uniform(pack_view(view, frame, captures, scene_reach))
         self._view = view
         middles = np.array([glass.middle() for glass in glasses])
         ahead = view.clip(middles)[:, 3] / frame.unit - depth_begin(view, frame)
@@ -285,7 +295,7 @@ class Painter:
             strips, self._strips = self._strips, []
         else:
             strips = [self._take(pixels)]
-        shader = _shader("picture")
+        shader = _shader("picture" if self._mesh is None else "picture_of_meshes")
         layer = self._drawn
         with layer.target.bind():
             gpu.state.viewport_set(0, 0, *layer.size)
@@ -294,6 +304,8 @@ class Painter:
             gpu.state.blend_set("ADDITIVE_PREMULT")
             shader.bind()
             shader.uniform_block("view", self._view_block)
+            if self._mesh is not None:
+                shader.uniform_sampler("mesh_tx", self._mesh)
             shader.uniform_sampler("direct_tx", self.direct.colour)
             shader.uniform_sampler("depth_tx", self.direct.depth)
             shader.uniform_sampler("tile_tx", self.direct.tiles)
@@ -435,12 +447,32 @@ def _overlap(a, b) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
-def exit_rays(block: np.ndarray, origins: np.ndarray, directions: np.ndarray, least: float, ways):
+def mesh_texture(trees: Sequence[Tree]):
+    """The texels of trees, one after the other, as a texture."""
+    width = 1 << ROW_BITS
+    count = sum(len(tree.texels) for tree in trees)
+    rows = -(-count // width)
+    filled = np.zeros((rows * width, 4), np.float32)
+    np.concatenate([tree.texels for tree in trees], out=filled[:count])
+    filled = filled.reshape(rows, width, 4)
+    data = gpu.types.Buffer("FLOAT", filled.shape, filled)
+    return gpu.types.GPUTexture((width, rows), format="RGBA32F", data=data)
+
+
+def exit_rays(
+    block: np.ndarray,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    least: float,
+    ways: int,
+    trees: Sequence[Tree] = (),
+):
     """Exit rays as the shader finds them, for tests; needs a GPU context.
 
     Parameters
     ----------
-    block : see `description.pack`. origins, directions : (rows, columns, 3), common frame.
+    block, trees : see `description.pack` and `description.trees_of`.
+    origins, directions : (rows, columns, 3), common frame.
     ways : how many to return of each ray.
 
     Returns
@@ -458,7 +490,8 @@ def exit_rays(block: np.ndarray, origins: np.ndarray, directions: np.ndarray, le
         inputs.append(gpu.types.GPUTexture(size, format="RGBA32F", data=data))
     outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2)]
     target = gpu.types.GPUFrameBuffer(color_slots=outputs)
-    shader, glasses = _shader("exits"), _uniform(block)
+    shader, glasses = _shader("exits_of_meshes" if trees else "exits"), _uniform(block)
+    mesh = mesh_texture(trees) if trees else None
     found = np.zeros((2, ways, rows, columns, 4), np.float32)
     for wanted in range(ways):
         with target.bind():
@@ -469,6 +502,8 @@ def exit_rays(block: np.ndarray, origins: np.ndarray, directions: np.ndarray, le
             shader.uniform_block("glasses", glasses)
             shader.uniform_sampler("origin_tx", inputs[0])
             shader.uniform_sampler("along_tx", inputs[1])
+            if mesh is not None:
+                shader.uniform_sampler("mesh_tx", mesh)
             shader.uniform_float("least", least)
             shader.uniform_int("most", ways)
             shader.uniform_int("wanted", wanted)
@@ -498,9 +533,13 @@ def _quad():
 def _shader(name: str):
     """The compiled shader of that name."""
     if name not in _shaders:
-        _shaders[name] = compiled(**DESCRIPTIONS[name])
+        plain = name.removesuffix(OF_MESHES)
+        _shaders[name] = compiled(**DESCRIPTIONS[plain], meshes=plain != name)
     return _shaders[name]
 
+
+OF_MESHES = "_of_meshes"
+"""Ends the name of a shader that knows glasses that are meshes: others are quicker without."""
 
 DESCRIPTIONS = {
     "picture": {
@@ -571,7 +610,9 @@ DESCRIPTIONS = {
 }
 
 
-def compiled(*, constants, samplers, outputs, fragment: str, glasses=False, view=False):
+def compiled(
+    *, constants, samplers, outputs, fragment: str, glasses=False, view=False, meshes=False
+):
     """A shader that draws quads: ``box`` is (x0, y0, x1, y1) of what it covers, -1 to 1."""
     info = gpu.types.GPUShaderCreateInfo()
     info.vertex_in(0, "VEC2", "corner")
@@ -583,6 +624,9 @@ def compiled(*, constants, samplers, outputs, fragment: str, glasses=False, view
         info.uniform_buf(0, "Glasses", "glasses")
     if view:
         info.uniform_buf(1, "View", "view")
+    if meshes:
+        samplers = [*samplers, "mesh_tx"]
+        fragment = f"#define MESHES\n{fragment}"
     for slot, name in enumerate(samplers):
         info.sampler(slot, "FLOAT_2D", name)
     for slot, name in enumerate(outputs):

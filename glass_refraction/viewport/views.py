@@ -315,7 +315,6 @@ def _describe(view: _View, eye) -> None:
         eye,
         model.frame,
         model.glasses,
-        model.within,
         view.captures.listed(),
         model.scene_reach(),
     )

@@ -26,7 +26,7 @@ def test_rays_and_depths_of_the_block_are_the_views(window, is_perspective):
     matrix[:3, 3] = (-0.1, -0.2, -1.3)
     view = view_eye(SIZE, matrix, window, is_perspective)
     frame = common_frame([glass()])
-    block = pack_view(view, frame, (-1, 0), [], 2.0).astype(float)
+    block = pack_view(view, frame, [], 2.0).astype(float)
     pixels = np.array([(10.5, 20.5), (320.0, 200.0), (600.5, 380.5)])
     origins, directions = view.rays(*pixels.T)
     plane, right, up, eye = block[6, :3], block[7, :3], block[8, :3], block[9]
