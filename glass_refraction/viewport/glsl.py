@@ -753,8 +753,9 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       float size = row(9 + GLASS_ROWS * k).x;
       float t;
       vec3 mark;
-      int found = next_interface(k, medium_in(held, k), q + enter * v, v, way / size - enter,
-                                 skip, t, mark);
+      /* No farther than NOWHERE: that is the way to a face that is not met. */
+      float near = min(way / size - enter, NOWHERE);
+      int found = next_interface(k, medium_in(held, k), q + enter * v, v, near, skip, t, mark);
       if (found >= 0) {
         way = (t + enter) * size;
         spot = mark;

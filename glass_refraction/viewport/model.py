@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from .. import optics
+from ..optics.axial import BoundedGlass
 from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import as_body, glass_objects, is_mesh_glass, read_glass
 from ..scene.read.sources import source_objects
@@ -16,6 +17,7 @@ from ..scene.read.viewpoint import Viewpoint
 from .capture import Box, box_of
 from .description import Frame, Posed, TooMuch, common_frame, pack
 from .eye import CAPTURES
+from .mesh_glasses import MeshGlasses
 from .news import News
 
 NEVER_SEEN = {"CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER", "ARMATURE", "LATTICE"}
@@ -34,7 +36,7 @@ class Model:
     key : what it was read from. enabled : the scene's setting, None before the first look.
     glasses, frame, block : see :mod:`description`.
     bands : the same blocks for red, green and blue light; empty if no glass disperses.
-    shown : session uids of the objects that are glasses.
+    shown : session uids of the objects that are glasses. meshes : those that are meshes.
     problems : one line for each glass that is left out.
     """
 
@@ -46,6 +48,7 @@ class Model:
         self.block: np.ndarray | None = None
         self.bands: list[np.ndarray] = []
         self.shown: set[int] = set()
+        self.meshes = MeshGlasses()
         self.problems: list[str] = []
         self._bands: list[list] = []
         self._things: dict[int, str] = {}
@@ -84,7 +87,7 @@ class Model:
             self._list_things(layer, space)
         read = anew or bool(changed & self.shown)
         if read:
-            self._read_glasses(layer, space)
+            self._read_glasses(layer, space, news)
         if read or changed & self._things.keys():
             self._place_things()
         return read
@@ -115,7 +118,9 @@ class Model:
                 del self._units[key]
         return True
 
-    def _read_glasses(self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D) -> None:
+    def _read_glasses(
+        self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D, news: News
+    ) -> None:
         self.problems = []
         found, self._bands, self._units = [], [], {}
         self.shown = set()
@@ -124,18 +129,18 @@ class Model:
                 # Its change may be that it is shown again.
                 continue
             self.shown.add(obj.session_uid)
-            if is_mesh_glass(obj):
-                continue
             try:
-                read = read_glass(obj, layer.depsgraph)
+                if is_mesh_glass(obj):
+                    one = self.meshes.read(obj, layer.depsgraph, news)
+                else:
+                    one = _closed_form(obj, layer.depsgraph)
             except RefractiveGlassError as error:
                 self.problems.append(str(error))
                 continue
-            glass = as_body(read)
-            if glass is not None:
-                found.append(Posed(glass.description, glass.to_world, glass.absorption))
-                seen = [as_body(band).description for band in read.bands()]
-                self._bands.append(seen * (len(optics.LINES) // len(seen)))
+            if one is not None:
+                found.append(one[0])
+                self._bands.append(one[1])
+        self.meshes.keep(self.shown)
         self.glasses = [
             replace(glass, capture=min(number, CAPTURES - 1)) for number, glass in enumerate(found)
         ]
@@ -204,6 +209,24 @@ class Model:
             )
             for number in range(len(optics.LINES))
         ]
+
+
+def _closed_form(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> tuple[Posed, list[BoundedGlass]] | None:
+    """A glass of closed form, and how red, green and blue light find it; None: it bounds nothing.
+
+    Raises
+    ------
+    RefractiveGlassError
+    """
+    read = read_glass(obj, depsgraph)
+    glass = as_body(read)
+    if glass is None:
+        return None
+    posed = Posed(glass.description, glass.to_world, glass.absorption, priority=glass.priority)
+    seen = [as_body(band).description for band in read.bands()]
+    return posed, seen * (len(optics.LINES) // len(seen))
 
 
 def _reaches_in(box: Box, glass: Posed) -> bool:

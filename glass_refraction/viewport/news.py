@@ -45,7 +45,7 @@ class News:
     serial : grows with each evaluation. everything : the last one of which more than some objects
         changed. objects, shapes : by the session uid of an object, the last evaluation that changed
         it, and the last one that changed its geometry. seen : how often something changed that may
-        be seen.
+        be seen. began : the serial since when changes were noted.
     """
 
     serial: int = 0
@@ -53,6 +53,11 @@ class News:
     objects: dict[int, int] = field(default_factory=dict)
     shapes: dict[int, int] = field(default_factory=dict)
     seen: int = 0
+    began: int = 0
+
+    def shape_of(self, obj: bpy.types.Object) -> int:
+        """Equal numbers, equal geometry of an object."""
+        return self.shapes.get(obj.session_uid, self.began)
 
 
 _news: defaultdict[int, News] = defaultdict(News)
@@ -68,8 +73,9 @@ def forget() -> None:
     """Nothing is known any more: data-blocks may have been replaced."""
     for one in _news.values():
         one.serial += 1
-        one.everything = one.serial
+        one.everything = one.began = one.serial
         one.objects.clear()
+        one.shapes.clear()
         one.seen += 1
 
 

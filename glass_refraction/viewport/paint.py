@@ -168,7 +168,6 @@ class Painter:
         self._drawn = self._layers[0]
         self._blocks: list[tuple] = []
         self._mesh = None
-        self._mesh_stamp: tuple = ()
         self._trees: tuple[Tree, ...] = ()
         self._view_block = None
         self._view: Viewpoint | None = None
@@ -197,10 +196,8 @@ class Painter:
         if not same:
             self._blocks = [(block, _uniform(block)) for block in blocks]
         trees = trees_of(glasses)
-        stamp = tuple((id(tree), tree.version) for tree in trees)
-        if stamp != self._mesh_stamp:
-            # The trees are kept with it: an id is that of one tree only while there is the tree.
-            self._mesh_stamp, self._trees = stamp, trees
+        if trees != self._trees:
+            self._trees = trees
             self._mesh = mesh_texture(trees) if trees else None
         self._view_block = _uniform(pack_view(view, frame, captures, scene_reach))
         self._view = view

@@ -37,20 +37,22 @@ class Tree:
     ----------
     order : (T,) numbers of the triangles, leaf by leaf. leaves : how many, a power of two.
     texels : (K, 4) float32: what the shader reads, nodes first. triangles : its row where they
-        begin. version : grows with each `refit`.
+        begin.
     """
 
     def __init__(self, points: np.ndarray, normals: np.ndarray, order: np.ndarray) -> None:
-        self.order, self.version = order, 0
+        self.order = order
         self.leaves = leaves_of(len(order))
         self.triangles = NODE_TEXELS * self.leaves
         rows = self.triangles + TRIANGLE_TEXELS * LEAF * self.leaves
         self.texels = np.zeros((rows, 4), np.float32)
-        self.refit(points, normals)
+        self._write(points, normals)
 
-    def refit(self, points: np.ndarray, normals: np.ndarray) -> None:
-        """Write down as many triangles (T, 3, 3) in other places, in the order that there is."""
-        self.version += 1
+    def refitted(self, points: np.ndarray, normals: np.ndarray) -> Tree:
+        """The tree of as many triangles (T, 3, 3) in other places, in the same order."""
+        return Tree(points, normals, self.order)
+
+    def _write(self, points: np.ndarray, normals: np.ndarray) -> None:
         bounds = bounds_of(len(self.order), self.leaves)
         points, normals = points[self.order], normals[self.order]
         leaf = np.repeat(np.arange(self.leaves), np.diff(bounds))
@@ -112,7 +114,7 @@ class Triangles:
     tree: Tree
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class MeshBody(BoundedGlass):
     """A glass that is a mesh, in a frame of its own: its box's middle is the origin.
 

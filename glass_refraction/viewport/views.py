@@ -98,6 +98,8 @@ class _View:
         """What the view is working on; empty if on nothing."""
         if self.failure:
             return self.failure
+        if self.model.meshes.waits:
+            return self.model.meshes.line
         if self.captures is None or self.final or not self.model.glasses:
             return ""
         done, total = self.captures.total - self.captures.left, self.captures.total
@@ -270,7 +272,11 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     seen = (told.seen, model.signature())
     if view.stamp[:2] != (seen, looks) and model.glasses:
         captures.arrange(model.glasses, looks, model.boxes)
+    if model.meshes.waits:
+        view.final = False
+        _ask_for_rest()
     if not model.glasses:
+        view.waits = False
         return
     turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
     if turned != view.turned:
@@ -457,7 +463,8 @@ def _rest() -> float | None:
         view = _views.get(region.as_pointer())
         if view is None or view.painter is None or view.final or view.failure:
             continue
-        if not view.model.glasses or space.as_pointer() not in _shown:
+        waits = view.model.meshes.waits
+        if not (view.model.glasses or waits) or space.as_pointer() not in _shown:
             continue
         quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
         if window.screen.is_animation_playing and not quick:
@@ -482,6 +489,13 @@ def _work(view: _View, window, space, region) -> None:
     """A face of a capture, or samples for as long as a slice lasts."""
     scene, painter, captures = window.scene, view.painter, view.captures
     if view.waits:
+        return
+    if view.model.meshes.waits:
+        if view.model.meshes.grow(SLICE_SECONDS):
+            # A redraw reads the glasses anew.
+            view.model.key = ()
+            view.waits = True
+        region.tag_redraw()
         return
     if captures.left:
         if view.model.key[:2] != (scene.session_uid, generation(scene)):

@@ -24,7 +24,7 @@ OFF_SHORT = {"lens": 5e-3}
 chords miss some."""
 
 
-MESHES = ("smooth", "faceted", "overlap", "inside")
+MESHES = ("smooth", "faceted", "overlap", "inside", "small")
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from ... import optics
 from ...optics.axial import AxialGlass
 from ..names import RefractiveGlassError, own
 from .animation import may_change
-from .mesh_glasses import MeshGlass, interface_of, mesh_glass
+from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass
 from .modifier_inputs import data_path, has_input, read_input
 from .visibility import rendered_objects
 
@@ -347,11 +347,35 @@ def read_glass(
 
 def _read_mesh(evaluated: bpy.types.Object, modifier, to_world: np.ndarray, known) -> Glass:
     """A glass that is a mesh; arguments as of `read_glass`."""
+
+    def shape(interface: Interface) -> MeshGlass:
+        return mesh_glass(evaluated.data, to_world, interface, known)
+
+    return _mesh_of(evaluated, modifier, to_world, shape)
+
+
+def read_mesh_interface(evaluated: bpy.types.Object) -> tuple[Glass, np.ndarray]:
+    """An (evaluated) glass that is a mesh, without its triangles, and its world matrix (4, 4).
+
+    Raises
+    ------
+    RefractiveGlassError
+    """
+    to_world = np.array(evaluated.matrix_world, float)
+    nothing = np.zeros((0, 3, 3))
+
+    def shape(interface: Interface) -> MeshGlass:
+        return MeshGlass(nothing, nothing, **vars(interface))
+
+    return _mesh_of(evaluated, glass_modifier(evaluated), to_world, shape), to_world
+
+
+def _mesh_of(evaluated: bpy.types.Object, modifier, to_world: np.ndarray, shape) -> Glass:
+    """A glass that is a mesh; ``shape`` makes its description of an interface."""
     name = evaluated.name
     _check_place(to_world, name)
     try:
-        interface = interface_of(evaluated, float(read_input(modifier, "IOR")))
-        description = mesh_glass(evaluated.data, to_world, interface, known)
+        description = shape(interface_of(evaluated, float(read_input(modifier, "IOR"))))
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
         absorption = _absorption(modifier, description, scale)

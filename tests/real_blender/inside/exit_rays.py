@@ -98,7 +98,7 @@ def flat(points):
 
 
 def meshes(optics):
-    """Name: list of (points, normals, ior, priority) or of closed forms, in metres."""
+    """Name: list of (points, normals, ior, priority) or (closed form, priority), in metres."""
     round_, normals = ball(24, 48)
     tall = round_ * (0.02, 0.02, 0.05)
     squeezed = normals / (0.02, 0.02, 0.05)
@@ -108,7 +108,8 @@ def meshes(optics):
         "smooth": [(0.04 * round_, normals, 1.5, 0)],
         "faceted": [(*solid, 1.6, 0)],
         "overlap": [(0.04 * round_, normals, 1.5, 0), (tall, squeezed, 1.333, 1)],
-        "inside": [(tall, squeezed, 1.333, 0), optics.SphereGlass((0.06,), (1.5,))],
+        "inside": [(tall, squeezed, 1.333, 1), (optics.SphereGlass((0.06,), (1.5,)), 0)],
+        "small": [(0.04 * round_, normals, 1.333, 0), (optics.SphereGlass((0.01,), (1.5,)), 1)],
     }
 
 
@@ -148,10 +149,10 @@ def compare_meshes(optics, description, trees, paint, scene, seed):
     """As `compare`, of some glasses of which meshes are."""
     posed, placed, parts = [], [], []
     for number, one in enumerate(scene):
-        if not isinstance(one, tuple):
-            body = optics.body(one)
-            posed.append(description.Posed(body, np.eye(4)))
-            placed.append(optics.PlacedGlass(body, np.eye(4)))
+        if len(one) == 2:
+            body = optics.body(one[0])
+            posed.append(description.Posed(body, np.eye(4), priority=one[1]))
+            placed.append(optics.PlacedGlass(body, np.eye(4), priority=one[1]))
             continue
         points, normals, ior, priority = one
         form = trees.shaped(points, normals, np.eye(3))
