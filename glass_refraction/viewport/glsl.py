@@ -1417,30 +1417,17 @@ bool touches(vec3 at, vec3 d, vec4 light, int g, int number)
 """
 
 MAIN = """
-/* Differences from pixel to pixel, as they are and as part of the colour, from which on more
- * samples are worth their time. */
-#define EDGE_STEP vec4(0.012, 0.012, 0.012, 0.02)
-#define EDGE_PART 0.05
-
-/* Whether the first sample differs from those beside it. */
-bool is_edge(ivec2 pixel)
-{
-  vec4 here = texelFetch(first_tx, pixel, 0);
-  ivec2 last = textureSize(first_tx, 0) - 1;
-  for (int k = 0; k < 4; k++) {
-    ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
-    vec4 other = texelFetch(first_tx, clamp(pixel + step_, ivec2(0), last), 0);
-    if (any(greaterThan(abs(other - here), EDGE_STEP + EDGE_PART * abs(here)))) {
-      return true;
-    }
-  }
-  return false;
-}
-
 /* One sample of every pixel: the colour seen through the glass, and whether there is any. */
 void main()
 {
-  vec2 pixel = (gl_FragCoord.xy + jitter.xy) * jitter.z;
+  vec2 at = gl_FragCoord.xy;
+  if (is_listed != 0) {
+    at = texelFetch(list_tx, ivec2(at), 0).xy + 0.5;
+    if (at.x < 0.0) {
+      discard;
+    }
+  }
+  vec2 pixel = (at + jitter.xy) * jitter.z;
   vec3 p = view.plane.xyz + pixel.x * view.right.xyz + pixel.y * view.up.xyz;
   bool parallel = view.eye.w < 0.5;
   vec3 d = parallel ? view.eye.xyz : normalize(p - view.eye.xyz);
@@ -1452,10 +1439,6 @@ void main()
   cover = vec4(0.0, 1.0, 0.0, 0.0);
   if (off > view.start.x) {
     cover *= band.a;
-    return;
-  }
-  if (only_edges != 0 && !is_edge(ivec2(gl_FragCoord.xy))) {
-    cover.g = 0.0;
     return;
   }
   float enter = ahead - sqrt(view.start.x * view.start.x - off * off);
@@ -1587,13 +1570,42 @@ void main()
 """
 )
 
-# The samples of two layers.
+# Which pixels of a first sample differ from those beside them, so that more are worth their time.
+EDGES = """
+/* Differences from pixel to pixel, as they are and as part of the colour, that are too much. */
+#define EDGE_STEP vec4(0.012, 0.012, 0.012, 0.02)
+#define EDGE_PART 0.05
+
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec4 here = texelFetch(first_tx, pixel, 0);
+  ivec2 last = textureSize(first_tx, 0) - 1;
+  frag = vec4(0.0);
+  for (int k = 0; k < 4; k++) {
+    ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
+    vec4 other = texelFetch(first_tx, clamp(pixel + step_, ivec2(0), last), 0);
+    if (any(greaterThan(abs(other - here), EDGE_STEP + EDGE_PART * abs(here)))) {
+      frag = vec4(1.0);
+    }
+  }
+}
+"""
+
+# The samples of a layer and of one that has pixels at its edges, side by side.
 SUM = """
 void main()
 {
   ivec2 pixel = ivec2(gl_FragCoord.xy);
-  color = texelFetch(color_tx, pixel, 0) + texelFetch(more_color_tx, pixel, 0);
-  cover = texelFetch(cover_tx, pixel, 0) + texelFetch(more_cover_tx, pixel, 0);
+  color = texelFetch(color_tx, pixel, 0);
+  cover = texelFetch(cover_tx, pixel, 0);
+  int place = int(texelFetch(place_tx, pixel, 0).r);
+  if (place >= 0) {
+    int width = textureSize(more_color_tx, 0).x;
+    ivec2 there = ivec2(place % width, place / width);
+    color += texelFetch(more_color_tx, there, 0);
+    cover += texelFetch(more_cover_tx, there, 0);
+  }
 }
 """
 

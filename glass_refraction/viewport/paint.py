@@ -114,6 +114,18 @@ def _target(size: tuple[int, int], *formats: str) -> tuple:
     return (*textures, gpu.types.GPUFrameBuffer(color_slots=textures))
 
 
+def odd_size(size: int) -> int:
+    """A size not smaller and no power of two: some drivers compile shaders for each kind anew."""
+    return size + (size & (size - 1) == 0)
+
+
+def _texture(values: np.ndarray, kind: str):
+    """A texture of (height, width) or (height, width, channels) float32 values."""
+    height, width = values.shape[:2]
+    data = gpu.types.Buffer("FLOAT", values.shape, values)
+    return gpu.types.GPUTexture((width, height), format=kind, data=data)
+
+
 def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
     """Nearest and farthest depths (rows, columns, 2) of tiles, for tests; needs a GPU context.
 
@@ -124,8 +136,7 @@ def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.
     height, width = values.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
     direct = Direct()
-    data = gpu.types.Buffer("FLOAT", values.shape, np.ascontiguousarray(values, np.float32))
-    direct.raw = gpu.types.GPUTexture((width, height), format="R32F", data=data)
+    direct.raw = _texture(np.ascontiguousarray(values, np.float32), "R32F")
     direct.line = line
     _, target = _target((columns, rows), "RGBA32F")
     direct._fill(target, "tiles", (columns, rows))
@@ -135,9 +146,14 @@ def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.
 
 
 class _Layer:
-    """Samples of a picture, added up, and how many each pixel has."""
+    """Samples of a picture, added up, and how many each pixel has.
+
+    Of a layer that has some pixels only, side by side, `listed` tells which pixel each is, and
+    `places` where each of the view's pixels is (-1: not here); else both are None.
+    """
 
     def __init__(self) -> None:
+        self.listed = self.places = None
         self.size = (0, 0)
         self.divisor = 1
         self.samples = 0
@@ -148,10 +164,14 @@ class _Layer:
             self.size = size
             self.colour, self.cover, self.target = _target(size, "RGBA16F", "RGBA16F")
         self.divisor, self.samples = divisor, 0
+        self.listed = self.places = None
         with self.target.bind():
             self.target.clear(color=(0.0, 0.0, 0.0, 0.0))
 
 
+BLOCK, LISTED = 4, 1000
+"""Pixels a side of blocks, and width of a layer, of listed pixels: they are drawn side by side, so
+that none is drawn in vain."""
 LAYERS = 5
 """That a view has: one of what moves, and two pairs for pictures at rest, of their first sample and
 of further ones at edges; one pair is shown while the other is drawn."""
@@ -164,6 +184,8 @@ class Painter:
         self.direct = Direct()
         self._layers = [_Layer() for _ in range(LAYERS)]
         self._sum = _Layer()
+        self._marks: tuple | None = None
+        self._none = _texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
         self._used: _Layer | None = None
         self._drawn = self._layers[0]
         self._blocks: list[tuple] = []
@@ -229,8 +251,53 @@ class Painter:
         layer.clear((-(-width // divisor), -(-height // divisor)), divisor)
         self._drawn, self._strips = layer, []
 
+    def begin_edges(self, number: int, of: int) -> int:
+        """Start a layer anew that has the pixels at edges of another one, a whole first sample.
+
+        Returns
+        -------
+        int
+            How many they are.
+        """
+        first, layer = self._layers[of], self._layers[number]
+        width, height = first.size
+        if self._marks is None or (self._marks[0].width, self._marks[0].height) != first.size:
+            self._marks = _target(first.size, "R32F")
+        target = self._marks[1]
+        shader = _shader("edges")
+        with target.bind():
+            gpu.state.viewport_set(0, 0, width, height)
+            target.clear(color=(0.0, 0.0, 0.0, 0.0))
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("first_tx", first.colour)
+            for rect in self._rects:
+                shader.uniform_float("box", rect)
+                _quad().draw(shader)
+            marks = np.asarray(target.read_color(0, 0, width, height, 1, 0, "FLOAT"))
+        y, x = np.nonzero(marks.reshape(height, width) > 0.0)
+        count = len(x)
+        # Neighbours stay neighbours: drivers draw blocks of pixels at once.
+        order = np.argsort((y // BLOCK * width + x // BLOCK) * BLOCK**2, kind="stable")
+        x, y = x[order], y[order]
+        block, within = np.divmod(np.arange(count), BLOCK**2)
+        by_row = LISTED // BLOCK
+        column = block % by_row * BLOCK + within % BLOCK
+        row = block // by_row * BLOCK + within // BLOCK
+        rows = odd_size(int(row.max(initial=0)) + 1)
+        layer.clear((LISTED, rows), 1)
+        listed = np.full((rows, LISTED, 4), -1.0, np.float32)
+        listed[row, column, 0], listed[row, column, 1] = x, y
+        places = np.full((height, width), -1.0, np.float32)
+        places[y, x] = row * LISTED + column
+        layer.listed = _texture(listed, "RGBA32F")
+        layer.places = _texture(places, "R32F")
+        self._drawn, self._strips = layer, []
+        return count
+
     def use(self, *numbers: int) -> None:
-        """Show one layer from now on, or the sum of two."""
+        """Show one layer from now on, or its sum with one that has pixels at edges."""
         self._used, *others = (self._layers[number] for number in numbers)
         for other in others:
             self._add(self._used, other)
@@ -249,6 +316,7 @@ class Painter:
             shader.uniform_sampler("cover_tx", one.cover)
             shader.uniform_sampler("more_color_tx", other.colour)
             shader.uniform_sampler("more_cover_tx", other.cover)
+            shader.uniform_sampler("place_tx", other.places)
             for rect in self._rects:
                 shader.uniform_float("box", rect)
                 _quad().draw(shader)
@@ -269,7 +337,6 @@ class Painter:
         way: Way,
         captures: tuple,
         pixels: int | None = None,
-        edges_of: int | None = None,
         disperses: bool = False,
     ) -> int:
         """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
@@ -277,7 +344,6 @@ class Painter:
         Parameters
         ----------
         captures : the textures of all captures, see `capture.Captures.textures`.
-        edges_of : number of the layer of which only the edges get a sample.
         disperses : follow red, green and blue light each on its own, if that differs.
         pixels : about how many to draw now; the next call goes on. None: all.
 
@@ -287,7 +353,7 @@ class Painter:
             About how many were drawn.
         """
         if not self._strips:
-            self._strips = list(self._rects)
+            self._strips = list(self._rects if self._drawn.listed is None else [WHOLE])
         if pixels is None:
             strips, self._strips = self._strips, []
         else:
@@ -309,9 +375,8 @@ class Painter:
             shader.uniform_sampler("capture_tx", captures[0])
             shader.uniform_sampler("reach_tx", captures[1])
             shader.uniform_float("jitter", (*jitter, float(layer.divisor), 0.0))
-            first = self.direct.colour if edges_of is None else self._layers[edges_of].colour
-            shader.uniform_sampler("first_tx", first)
-            shader.uniform_int("only_edges", int(edges_of is not None))
+            shader.uniform_sampler("list_tx", self._none if layer.listed is None else layer.listed)
+            shader.uniform_int("is_listed", int(layer.listed is not None))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
             shader.uniform_int("splits", int(way.splits))
@@ -448,12 +513,10 @@ def mesh_texture(trees: Sequence[Tree]):
     """The texels of trees, one after the other, as a texture."""
     width = 1 << ROW_BITS
     count = sum(len(tree.texels) for tree in trees)
-    rows = -(-count // width)
+    rows = odd_size(-(-count // width))
     filled = np.zeros((rows * width, 4), np.float32)
     np.concatenate([tree.texels for tree in trees], out=filled[:count])
-    filled = filled.reshape(rows, width, 4)
-    data = gpu.types.Buffer("FLOAT", filled.shape, filled)
-    return gpu.types.GPUTexture((width, rows), format="RGBA32F", data=data)
+    return _texture(filled.reshape(rows, width, 4), "RGBA32F")
 
 
 def exit_rays(
@@ -483,8 +546,7 @@ def exit_rays(
     for values in (origins, directions):
         filled = np.ones((rows, columns, 4), np.float32)
         filled[..., :3] = values
-        data = gpu.types.Buffer("FLOAT", filled.shape, filled)
-        inputs.append(gpu.types.GPUTexture(size, format="RGBA32F", data=data))
+        inputs.append(_texture(filled, "RGBA32F"))
     outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2)]
     target = gpu.types.GPUFrameBuffer(color_slots=outputs)
     shader, glasses = _shader("exits_of_meshes" if trees else "exits"), _uniform(block)
@@ -548,9 +610,9 @@ DESCRIPTIONS = {
             ("INT", "most"),
             ("INT", "splits"),
             ("INT", "has_depth"),
-            ("INT", "only_edges"),
+            ("INT", "is_listed"),
         ],
-        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx", "first_tx"],
+        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx", "list_tx"],
         "glasses": True,
         "view": True,
         "outputs": ["color", "cover"],
@@ -571,7 +633,7 @@ DESCRIPTIONS = {
     },
     "sum": {
         "constants": [("VEC4", "box")],
-        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx"],
+        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx", "place_tx"],
         "outputs": ["color", "cover"],
         "fragment": glsl.SUM,
     },
@@ -581,6 +643,12 @@ DESCRIPTIONS = {
         "glasses": True,
         "outputs": ["place", "along"],
         "fragment": glsl.EXITS,
+    },
+    "edges": {
+        "constants": [("VEC4", "box")],
+        "samplers": ["first_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.EDGES,
     },
     "depth": {
         "constants": [("VEC4", "box"), ("VEC4", "line")],

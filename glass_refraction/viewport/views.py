@@ -10,6 +10,7 @@ next.
 
 from __future__ import annotations
 
+import math
 import time
 import traceback
 from collections import Counter
@@ -41,18 +42,22 @@ REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
 PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
-SAMPLES = 6
-"""A pixel at rest."""
-WAYS, WAYS_MOVING = 12, 5
-"""Ways of a ray that are followed to their end, at rest and while something moves."""
+SAMPLES = 5
+"""A pixel at an edge, at rest."""
+WAYS, WAYS_MORE, WAYS_MOVING = 12, 6, 5
+"""Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
+while something moves."""
 SHARE_OF_REDRAW = 0.8
 """A moving picture may take this part of the time that the view's redraw takes without it."""
 MOST_PIXELS = 6
 """A side, of which a moving picture has one sample at least."""
 LEAST_PIXELS = 2000
 """Of a slice of a sample: fewer tell nothing of the speed."""
+STRIP_PIXELS = 6000
+"""Of a strip at most, unless all strips of the last sample were quick: some take much longer than
+those before."""
 MOST_GROWTH = 4.0
-"""Of a slice over the one before: strips of a picture differ."""
+"""Of a strip over the one before."""
 LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
@@ -80,6 +85,8 @@ class _View:
         self.eye = None
         self.turned = b""
         self.changed = 0.0
+        self.refined = 0.0
+        """When the view was last drawn otherwise than before, by its engine or for a change."""
         self.began = 0.0
         self.final = self.waits = False
         """All samples are there; a redraw is due before more can be added."""
@@ -89,6 +96,9 @@ class _View:
         self.spent = (0, 0.0)
         """Pixels and seconds of the sample that is being drawn."""
         self.strip_speed = 0.0
+        self.slower, self.slowest = math.inf, [0.0, 0.0]
+        """Least samples a second of a strip, of this sample and of the last whole one; of the
+        latter for all pixels and for those at edges."""
         self.speed = 0.0
         """Samples a second, as measured."""
         self.plain_seconds = 0.1
@@ -295,12 +305,12 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         moved = stamp[:-1] != view.stamp[:-1]
         view.stamp = stamp
         view.final = False
+        view.refined = time.perf_counter()
         if moved:
-            view.changed = time.perf_counter()
-        if moved:
+            view.changed = view.refined
             _describe(view, eye)
             painter.begin(_divisor(view), MOVING_LAYER)
-            view.spent = (0, 0.0)
+            view.spent, view.slower = (0, 0.0), math.inf
             _sample(view, settings, WAYS_MOVING)
             painter.use(MOVING_LAYER)
         # Else the engine only refines what it shows: what is there stays until better is done.
@@ -335,31 +345,36 @@ def _divisor(view: _View) -> int:
 
 
 def _sample(
-    view: _View, settings, ways: int, seconds: float | None = None, edges_of: int | None = None
+    view: _View, settings, ways: int, seconds: float | None = None, edges: bool = False
 ) -> None:
     """One more sample a pixel, or as much of it as these seconds allow; how fast is measured."""
     from .paint import Way
 
     painter = view.painter
     way = Way(settings.min_weight, ways, settings.surface == "GLASS")
-    number = painter.samples if edges_of is None else painter.samples + 1
+    number = painter.samples + edges
     jitter = _jitter(number) if number else (0.0, 0.0)
-    pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
+    pixels = None
+    if seconds is not None:
+        most = max(STRIP_PIXELS, seconds * view.slowest[edges])
+        pixels = int(max(LEAST_PIXELS, min(seconds * view.strip_speed, most)))
     began, mine = time.perf_counter(), time.thread_time()
     drawn = painter.sample(
-        jitter, way, view.captures.textures, pixels, edges_of, disperses=seconds is not None
+        jitter, way, view.captures.textures, pixels, disperses=seconds is not None
     )
     painter.wait()
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
     view.gpu_seconds += time.thread_time() - mine
     view.strip_speed = min(drawn / spent, MOST_GROWTH * view.strip_speed)
+    view.slower = min(view.slower, drawn / spent)
     view.spent = (view.spent[0] + drawn, view.spent[1] + spent)
     if painter.is_whole:
         counters["traces"] += 1
         drawn, spent = view.spent
         view.spent = (0, 0.0)
+        view.slowest[edges], view.slower = view.slower, math.inf
         # Of a whole sample: strips differ, and samples of edges alone tell nothing.
-        if edges_of is None:
+        if not edges:
             view.speed = drawn / spent
 
 
@@ -449,9 +464,8 @@ def _backdrop(context: bpy.types.Context) -> tuple[float, float, float, float]:
 
 
 def _ask_for_rest() -> None:
-    if bpy.app.timers.is_registered(_rest):
-        bpy.app.timers.unregister(_rest)
-    bpy.app.timers.register(_rest, first_interval=REST_SECONDS)
+    if not bpy.app.timers.is_registered(_rest):
+        bpy.app.timers.register(_rest, first_interval=REST_SECONDS)
 
 
 def _rest() -> float | None:
@@ -470,7 +484,9 @@ def _rest() -> float | None:
         if window.screen.is_animation_playing and not quick:
             wait = PLAYING_SECONDS if wait is None else min(wait, PLAYING_SECONDS)
             continue
-        left = view.changed + REST_SECONDS - time.perf_counter()
+        # Captures do not wait for the engine to refine what it shows, samples do.
+        since = view.changed if view.captures.left or waits else view.refined
+        left = since + REST_SECONDS - time.perf_counter()
         if left > 0.0 and not quick:
             wait = left if wait is None else min(wait, left)
             continue
@@ -529,11 +545,11 @@ def _work(view: _View, window, space, region) -> None:
             _sample(view, settings, WAYS, SLICE_SECONDS)
             if painter.is_whole:
                 painter.use(view.layers[0])
-                painter.begin(1, view.layers[1])
+                painter.begin_edges(view.layers[1], view.layers[0])
                 view.stage = MORE
                 region.tag_redraw()
         else:
-            _sample(view, settings, WAYS, SLICE_SECONDS, view.layers[0])
+            _sample(view, settings, WAYS_MORE, SLICE_SECONDS, edges=True)
             if painter.is_whole and painter.samples >= SAMPLES - 1:
                 painter.use(*view.layers)
                 view.final = True
