@@ -78,7 +78,7 @@ def camera_frame() -> np.ndarray:
     return np.array([*np.min(places, axis=0), *np.max(places, axis=0)])
 
 
-def fit_frame():
+def fit_frame() -> None:
     """Zoom and shift the camera's frame so that it is whole pixels, those of a render."""
     view = area().spaces.active.region_3d
     for _ in range(3):
@@ -93,8 +93,9 @@ def fit_frame():
                 else:
                     view.view_camera_offset[name] = to
 
+            # The matrices are those of the last redraw.
             put(value + step)
-            yield 0.3
+            redraws_once()
             after = camera_frame()
             # Widths by fours: heights are whole too. And all of it is in the view.
             now, then = (f[2] - f[0] if number == 2 else f[number] for f in (before, after))
@@ -102,7 +103,7 @@ def fit_frame():
             fits = min(1.0, 0.96 * region.height / (before[3] - before[1]))
             wanted = 4.0 * np.floor(now * fits / 4.0) if number == 2 else np.round(now)
             put(value + (wanted - now) / (then - now) * step if then != now else value)
-            yield 0.3
+            redraws_once()
 
 
 def shot() -> np.ndarray:
@@ -290,7 +291,8 @@ def measure(path: str):
         bpy.ops.view3d.view_center_camera()
     plain_view()
     space.shading.use_scene_lights = space.shading.use_scene_world = True
-    yield from fit_frame()
+    redraws_once()
+    fit_frame()
     yield SETTLE_SECONDS[SHADING]
     name, result = Path(path).stem, {}
     motions = {"still": lambda k: None, "eye": move_eye, "object": mover()}

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..optics.axial import BoundedGlass, Interface
 
-LEAF = 4
+LEAF = 2
 """Triangles of a leaf, at most."""
 NODE_TEXELS = 3
 """Four floats each: the lower and upper corners of both children's boxes."""
