@@ -291,10 +291,13 @@ def measure(path: str):
         bpy.ops.view3d.view_center_camera()
     plain_view()
     space.shading.use_scene_lights = space.shading.use_scene_world = True
+    # Regions get their new sizes first.
+    yield 1.0
     redraws_once()
     fit_frame()
     yield SETTLE_SECONDS[SHADING]
     name, result = Path(path).stem, {}
+    places = {obj: obj.location.copy() for obj in bpy.context.scene.objects}
     motions = {"still": lambda k: None, "eye": move_eye, "object": mover()}
     plain = {motion: redraws(move) for motion, move in motions.items()}
     yield SETTLE_SECONDS[SHADING] / 2
@@ -306,6 +309,7 @@ def measure(path: str):
     yield 0.5
     screenshot(f"{name}_{SHADING.lower()}")
     rest, glass = shot(), covered()
+    x0, y0, x1, y1 = np.round(camera_frame()).astype(int)
     # Blender evaluates the camera anew, where it is: what moves is drawn.
     bpy.context.scene.camera.location = bpy.context.scene.camera.location
     redraws_once()
@@ -334,8 +338,9 @@ def measure(path: str):
             redraws_once()
         result["memory_mib"] = [before, memory()]
         yield 0.5
-    x0, y0, x1, y1 = np.round(camera_frame()).astype(int)
     switch(False)
+    for obj, place in places.items():
+        obj.location = place
     picture = rendered(name, (int(x1 - x0), int(y1 - y0)))
     rest, glass = rest[y0:y1, x0:x1], glass[y0:y1, x0:x1]
     result["f12_db"] = decibels(rest, picture[: y1 - y0, : x1 - x0], glass)
