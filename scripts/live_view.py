@@ -5,8 +5,11 @@
 
 For each scene, in its camera's view: times of redraws with and without the picture (nothing moves,
 the eye moves, an object moves), Python's part of them, from switching on and from the last motion
-to the final picture, and how long a piece of work holds Blender up. Prints a line a scene and
-writes FOLDER/live_view.json and screenshots (ImageMagick's ``import``). Quits Blender at the end.
+to the final picture, how long a piece of work holds Blender up, and frames a second of playback.
+Inside the glass the picture is held against F12's (Workbench's for SOLID, EEVEE's for MATERIAL) and
+the one of what moves against that at rest, in dB. Of the last scene: how memory grows. Prints a
+line a scene and writes FOLDER/live_view.json and pictures (ImageMagick's ``import``). Quits Blender
+at the end.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ import traceback
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -31,6 +35,11 @@ STEP = 0.002
 SETTLE_SECONDS = {"SOLID": 4.0, "MATERIAL": 30.0}
 """Until the engine has compiled and come to rest, before anything is measured."""
 LIMIT_SECONDS = 180.0
+PLAY_SECONDS = 5.0
+MANY_REDRAWS = 1000
+ENGINES = {"SOLID": "BLENDER_WORKBENCH", "MATERIAL": "BLENDER_EEVEE"}
+COPIED = ("light", "studio_light", "color_type", "single_color", "show_shadows", "show_cavity")
+"""Settings of Solid shading that Workbench's renders have too."""
 
 found: dict[str, dict] = {}
 held: dict[str, float] = {"work": 0.0, "face": 0.0}
@@ -50,6 +59,146 @@ def override():
 def screenshot(name: str) -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     subprocess.run(["import", "-window", "root", str(FOLDER / f"{name}.png")], check=True)
+
+
+def camera_frame() -> np.ndarray:
+    """The camera's frame in the view, pixels: x0, y0, x1, y1."""
+    one, scene = area(), bpy.context.scene
+    region = next(r for r in one.regions if r.type == "WINDOW")
+    matrix = one.spaces.active.region_3d.perspective_matrix
+    places = []
+    for corner in scene.camera.data.view_frame(scene=scene):
+        clip = matrix @ (scene.camera.matrix_world @ corner).to_4d()
+        places.append(
+            (
+                0.5 * (clip.x / clip.w + 1.0) * region.width,
+                0.5 * (clip.y / clip.w + 1.0) * region.height,
+            )
+        )
+    return np.array([*np.min(places, axis=0), *np.max(places, axis=0)])
+
+
+def fit_frame() -> None:
+    """Zoom and shift the camera's frame so that it is whole pixels, those of a render."""
+    view = area().spaces.active.region_3d
+    for _ in range(3):
+        for number, name in ((2, "view_camera_zoom"), (0, 0), (1, 1)):
+            before = camera_frame()
+            value = view.view_camera_zoom if number == 2 else view.view_camera_offset[name]
+            step = 1.0 if number == 2 else 0.01
+
+            def put(to, number=number, name=name):
+                if number == 2:
+                    view.view_camera_zoom = to
+                else:
+                    view.view_camera_offset[name] = to
+
+            # The matrices are those of the last redraw.
+            put(value + step)
+            redraws_once()
+            after = camera_frame()
+            # Widths by fours: heights are whole too. And all of it is in the view.
+            now, then = (f[2] - f[0] if number == 2 else f[number] for f in (before, after))
+            region = next(r for r in area().regions if r.type == "WINDOW")
+            fits = min(1.0, 0.96 * region.height / (before[3] - before[1]))
+            wanted = 4.0 * np.floor(now * fits / 4.0) if number == 2 else np.round(now)
+            put(value + (wanted - now) / (then - now) * step if then != now else value)
+            redraws_once()
+
+
+def shot() -> np.ndarray:
+    """The view as it is on screen: (H, W, 3), 0 to 1, bottom row first."""
+    screenshot("now")
+    image = bpy.data.images.load(str(FOLDER / "now.png"))
+    region = next(r for r in area().regions if r.type == "WINDOW")
+    found = pixels_of(image)[region.y : region.y + region.height]
+    return found[:, region.x : region.x + region.width]
+
+
+def pixels_of(image) -> np.ndarray:
+    width, height = image.size
+    found = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(found)
+    bpy.data.images.remove(image)
+    return found.reshape(height, width, 4)[..., :3]
+
+
+def covered() -> np.ndarray:
+    """(H, W) which pixels of the view are wholly glass."""
+    from glass_refraction.viewport import views
+
+    (view,) = views._views.values()
+    layer = view.painter._used
+    with layer.target.bind():
+        read = layer.target.read_color(0, 0, *layer.size, 4, 1, "FLOAT")
+    cover = np.asarray(read).reshape(layer.size[1], layer.size[0], 4)
+    return cover[..., 0] > 0.99 * np.maximum(cover[..., 1], 1.0)
+
+
+def decibels(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> float:
+    return float(-10.0 * np.log10(np.mean((one[where] - other[where]) ** 2)))
+
+
+def rendered(name: str, size: tuple[int, int]) -> np.ndarray:
+    """F12's picture by the engine that the view's is like."""
+    scene, shading = bpy.context.scene, area().spaces.active.shading
+    scene.render.engine = ENGINES[SHADING]
+    scene.render.resolution_x, scene.render.resolution_y = size
+    scene.render.resolution_percentage = 100
+    scene.render.image_settings.file_format = "PNG"
+    if SHADING == "SOLID":
+        # The view shows it so, whatever the scene's.
+        scene.view_settings.view_transform = "Standard"
+        for setting in COPIED:
+            setattr(scene.display.shading, setting, getattr(shading, setting))
+    scene.render.filepath = str(FOLDER / f"{name}_{SHADING.lower()}_f12.png")
+    bpy.ops.render.render(write_still=True)
+    return pixels_of(bpy.data.images.load(scene.render.filepath))
+
+
+def save(name: str, pixels: np.ndarray) -> None:
+    height, width = pixels.shape[:2]
+    image = bpy.data.images.new(name, width, height)
+    filled = np.ones((height, width, 4), np.float32)
+    filled[..., :3] = pixels
+    image.pixels.foreach_set(filled.ravel())
+    image.filepath_raw, image.file_format = str(FOLDER / f"{name}.png"), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+
+
+def plain_view() -> None:
+    """Nothing in the view that a render does not show."""
+    space = area().spaces.active
+    overlay = space.overlay
+    for name in ("floor", "axis_x", "axis_y", "cursor", "extras", "object_origins"):
+        setattr(overlay, f"show_{name}", False)
+    overlay.show_outline_selected = overlay.show_text = overlay.show_relationship_lines = False
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(False)
+    space.region_3d.view_camera_offset = (0.0, 0.0)
+    space.shading.background_type = "WORLD"
+    space.shading.show_object_outline = False
+    bpy.context.scene.camera.data.show_passepartout = False
+
+
+def played() -> float:
+    """Frames a second of playback."""
+    frames = []
+    bpy.app.handlers.frame_change_post.append(lambda *_: frames.append(time.perf_counter()))
+    with override():
+        bpy.ops.screen.animation_play()
+    yield PLAY_SECONDS
+    with override():
+        bpy.ops.screen.animation_cancel(restore_frame=True)
+    bpy.app.handlers.frame_change_post.pop()
+    spans = len(frames) - 1
+    return spans / (frames[-1] - frames[0]) if spans > 0 else 0.0
+
+
+def memory() -> float:
+    """MiB that the process holds."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
 
 
 def watch(views, capture) -> None:
@@ -73,20 +222,25 @@ def watch(views, capture) -> None:
     views._work, capture.Captures.draw = timed_work, timed_draw
 
 
-def redraws(move=lambda k: None) -> tuple[float, float]:
-    """Median seconds of a redraw, and of Python's part of it where the picture is shown."""
+def redraws_once() -> None:
+    with override():
+        bpy.context.region.tag_redraw()
+        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+
+
+def redraws(move=lambda k: None) -> tuple[float, float, float]:
+    """Medians of a redraw: seconds, CPU seconds, milliseconds of Python where it shows glass."""
     from glass_refraction.viewport import views
 
-    seconds, python = [], []
+    seconds, cpu, python = [], [], []
     for k in range(REDRAWS):
         move(k)
-        began = time.perf_counter()
-        with override():
-            bpy.context.region.tag_redraw()
-            bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+        began, busy = time.perf_counter(), time.process_time()
+        redraws_once()
         seconds.append(time.perf_counter() - began)
+        cpu.append(time.process_time() - busy)
         python += [view.python_ms for view in views._views.values()]
-    return statistics.median(seconds), statistics.median(python) if python else 0.0
+    return tuple(statistics.median(v) if v else 0.0 for v in (seconds, cpu, python))
 
 
 def move_eye(k: int) -> None:
@@ -107,15 +261,15 @@ def mover():
 
 
 def final():
-    """Wait for the final picture; gives the seconds as the last value."""
+    """Wait for the final picture; gives the seconds, and the CPU seconds, as the last value."""
     from glass_refraction.viewport import views
 
-    began = time.perf_counter()
+    began, busy = time.perf_counter(), time.process_time()
     while time.perf_counter() - began < LIMIT_SECONDS:
         yield 0.02
         if views.at_rest():
             break
-    return time.perf_counter() - began
+    return time.perf_counter() - began, time.process_time() - busy
 
 
 def switch(on: bool) -> None:
@@ -130,36 +284,72 @@ def measure(path: str):
     yield 1.0
     space = area().spaces.active
     space.show_region_ui = space.show_region_toolbar = space.show_gizmo = False
+    space.show_region_header = space.show_region_tool_header = False
     space.shading.type = SHADING
     space.region_3d.view_perspective = "CAMERA"
     with override():
         bpy.ops.view3d.view_center_camera()
+    plain_view()
+    space.shading.use_scene_lights = space.shading.use_scene_world = True
+    # Regions get their new sizes first.
+    yield 1.0
+    redraws_once()
+    fit_frame()
     yield SETTLE_SECONDS[SHADING]
     name, result = Path(path).stem, {}
+    places = {obj: obj.location.copy() for obj in bpy.context.scene.objects}
     motions = {"still": lambda k: None, "eye": move_eye, "object": mover()}
-    plain = {motion: redraws(move)[0] for motion, move in motions.items()}
+    plain = {motion: redraws(move) for motion, move in motions.items()}
     yield SETTLE_SECONDS[SHADING] / 2
+    plain_rate = yield from played()
+    yield 0.5
     held.update(work=0.0, face=0.0)
     switch(True)
-    result["first_s"] = yield from final()
+    result["first_s"], result["first_cpu_s"] = yield from final()
     yield 0.5
     screenshot(f"{name}_{SHADING.lower()}")
+    rest, glass = shot(), covered()
+    x0, y0, x1, y1 = np.round(camera_frame()).astype(int)
+    # Blender evaluates the camera anew, where it is: what moves is drawn.
+    bpy.context.scene.camera.location = bpy.context.scene.camera.location
+    redraws_once()
+    moving = shot()
+    result["moving_db"] = decibels(moving, rest, glass)
     held.update(work=0.0, face=0.0)
     for motion, move in motions.items():
-        seconds, python = redraws(move)
+        seconds, cpu, python = redraws(move)
+        plain_seconds, plain_cpu, _ = plain[motion]
         result[motion] = {
-            "plain_ms": 1e3 * plain[motion],
+            "plain_ms": 1e3 * plain_seconds,
             "ms": 1e3 * seconds,
-            "ratio": seconds / plain[motion],
+            "ratio": seconds / plain_seconds,
+            "cpu_ratio": cpu / plain_cpu,
             "python_ms": python,
         }
-    result["final_s"] = yield from final()
+    result["final_s"], result["final_cpu_s"] = yield from final()
+    rate = yield from played()
+    result["playback"] = [plain_rate, rate, rate / plain_rate if plain_rate else 0.0]
     result["longest_work_s"], result["longest_face_s"] = held["work"], held["face"]
     result["failures"] = [view.failure for view in views._views.values() if view.failure]
     result["pixels"] = [view.painter.pixels for view in views._views.values() if view.painter]
+    if path == SCENES[-1]:
+        before = memory()
+        for _ in range(MANY_REDRAWS):
+            redraws_once()
+        result["memory_mib"] = [before, memory()]
+        yield 0.5
+    switch(False)
+    for obj, place in places.items():
+        obj.location = place
+    picture = rendered(name, (int(x1 - x0), int(y1 - y0)))
+    rest, glass = rest[y0:y1, x0:x1], glass[y0:y1, x0:x1]
+    result["f12_db"] = decibels(rest, picture[: y1 - y0, : x1 - x0], glass)
+    result["beside_db"] = decibels(rest, picture, ~glass)
+    save(f"{name}_{SHADING.lower()}_view", rest)
+    apart = np.abs(rest - picture) * (0.3 + 0.7 * glass[..., None])
+    save(f"{name}_{SHADING.lower()}_apart", np.clip(4.0 * apart, 0.0, 1.0))
     found[name] = result
     print(f"live_view: {name} {json.dumps(result)}", flush=True)
-    switch(False)
     yield 0.5
 
 

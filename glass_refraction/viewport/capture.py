@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import bpy
@@ -269,24 +270,22 @@ class Box:
         local = self.to_box[:3, :3] @ place + self.to_box[:3, 3]
         return bool(np.all(np.abs(local) < self.half + reach))
 
+    @cached_property
     def corners(self) -> np.ndarray:
         """(8, 3) in the world."""
         local = np.array(list(product((-1.0, 1.0), repeat=3))) * self.half
         return np.linalg.solve(self.to_box[:3, :3], (local - self.to_box[:3, 3]).T).T
 
 
-def boxes_of(objects: list[bpy.types.Object], depsgraph) -> list[Box]:
-    """The bounding boxes of objects as they are evaluated."""
-    found = []
-    for obj in objects:
-        evaluated = obj.evaluated_get(depsgraph)
-        corners = np.array(evaluated.bound_box, float)
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        matrix = np.array(evaluated.matrix_world, float)
-        size = np.linalg.norm(matrix[:3, :3], axis=0)
-        if not (np.isfinite(matrix).all() and np.linalg.det(matrix[:3, :3])):
-            continue
-        to_box = np.diag([*size, 1.0]) @ np.linalg.inv(matrix)
-        to_box[:3, 3] -= size * 0.5 * (low + high)
-        found.append(Box(to_box, 0.5 * size * (high - low)))
-    return found
+def box_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Box | None:
+    """The bounding box of an object as it is evaluated; None where its matrix has no inverse."""
+    evaluated = obj.evaluated_get(depsgraph)
+    corners = np.array(evaluated.bound_box, float)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    matrix = np.array(evaluated.matrix_world, float)
+    if not (np.isfinite(matrix).all() and np.linalg.det(matrix[:3, :3])):
+        return None
+    size = np.linalg.norm(matrix[:3, :3], axis=0)
+    to_box = np.diag([*size, 1.0]) @ np.linalg.inv(matrix)
+    to_box[:3, 3] -= size * 0.5 * (low + high)
+    return Box(to_box, 0.5 * size * (high - low))

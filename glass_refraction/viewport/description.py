@@ -20,17 +20,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..optics.axial import AxialGlass, BoundedGlass
+from ..optics.axial import SOLID, AxialGlass, BoundedGlass
 from ..optics.bodies import Prism
 from ..optics.profiles import Profile
 from ..optics.surfaces import Cylinder, Lid, Plane, Shell, Side
+from .trees import MeshBody, Tree
 
 ROWS = 4096
 """Rows of four floats in the block: 64 KiB, the most that every driver takes."""
 
-CYLINDER, PLANE, LID, SIDE, SHELL, PROFILE = range(6)
+CYLINDER, PLANE, LID, SIDE, SHELL, PROFILE, MESH = range(7)
 
-GLASS_ROWS = 9
+GLASS_ROWS = 10
 INTERFACE_ROWS = 3
 MEDIUM_ROWS = 2
 THING_ROWS = 3
@@ -42,8 +43,12 @@ BUNCH = 8
 LEAST_SLOPE = 1e-5
 """Rise of a chord by its length that stands for a level one's 0: the shader divides by it."""
 
-ENDLESS, HOLLOW = 1, 2
-"""Flags of a medium: rays that meet nothing in it have left; things may stand in it."""
+ENDLESS, HOLLOW, HOLDS = 1, 2, 4
+"""Flags of a medium: rays that meet nothing in it have left; things may stand in it; it holds where
+glasses overlap (see `optics.placed.Media`)."""
+
+DEEPEST = 4
+"""Glasses that a ray may be in at once."""
 
 
 class TooMuch(ValueError):
@@ -62,7 +67,8 @@ class Posed:
     things : (4, 4) each: from the world to a frame in which the box of a thing that may stand in
         the glass's hollow runs from -1 to 1.
     capture : number of the capture in which its rays look up what the view does not show, or -1.
-    outer : the medium that the eye, or any other ray from outside, is in.
+    outer : the medium of the glass that the eye is in.
+    priority : where glasses overlap, the one of the highest is there.
     """
 
     body: BoundedGlass
@@ -71,6 +77,7 @@ class Posed:
     things: tuple[np.ndarray, ...] = ()
     capture: int = -1
     outer: int = 0
+    priority: int = 0
 
     def middle(self) -> np.ndarray:
         """(3,) world place of the middle of its box."""
@@ -122,15 +129,18 @@ def pack(glasses: Sequence[Posed], frame: Frame) -> np.ndarray:
     """
     head = 1 + GLASS_ROWS * len(glasses)
     rows = [np.zeros((head, 4))]
-    rows[0][0] = len(glasses), 0.0, 0.0, 0.0
+    surroundings = {glass.body.media[0] for glass in glasses if not _is_mesh(glass.body)}
+    around = min(surroundings, default=1.0)
+    rows[0][0] = len(glasses), around, 0.0, 0.0
+    starts = starts_of(trees_of(glasses))
     used = head
     for number, glass in enumerate(glasses):
-        table = _table(glass.body)
+        table = _mesh_table(glass.body, starts) if _is_mesh(glass.body) else _table(glass.body)
         interfaces = table.interfaces.copy()
         # What a record points to is counted from the table's own begin.
         for row, column in table.pointers:
             interfaces[row, column] += used
-        media = _media(glass)
+        media = _media(glass, around)
         things = [_thing(matrix, frame) for matrix in glass.things]
         total = used + len(interfaces) + len(media) + THING_ROWS * len(things)
         if total > ROWS:
@@ -144,6 +154,8 @@ def pack(glasses: Sequence[Posed], frame: Frame) -> np.ndarray:
         inward, outward = _poses(glass, frame)
         record[2:5], record[5:8] = inward, outward
         record[8] = glass.body.scale / frame.unit, glass.capture, glass.outer, first + len(media)
+        reflected = glass.body.reflected if _is_mesh(glass.body) else (1.0, 1.0, 1.0)
+        record[9] = glass.priority, *reflected
         used = total
     block = np.zeros((ROWS, 4), np.float32)
     block[:used] = np.concatenate(rows)
@@ -165,22 +177,32 @@ def _thing(to_box: np.ndarray, frame: Frame) -> np.ndarray:
     return (to_box @ frame.to_world())[:3]
 
 
-def _media(glass: Posed) -> np.ndarray:
-    """Two rows a medium: ior and flags; absorption by the glass's unit of length."""
+def _media(glass: Posed, around: float) -> np.ndarray:
+    """Two rows a medium: ior and flags; absorption by the glass's unit of length.
+
+    ``around``: the ior where no glass is.
+    """
     body = glass.body
     rows = np.zeros((MEDIUM_ROWS * len(body.media), 4))
     hollow = _hollow(body)
     for number, ior in enumerate(body.media):
-        flags = ENDLESS * (number in body.endless) + HOLLOW * (number in hollow)
-        rows[2 * number] = ior, flags, 0.0, 0.0
+        taken = np.zeros(3)
         if number < len(glass.absorption):
-            rows[2 * number + 1, :3] = np.array(glass.absorption[number]) * body.scale
+            taken = np.array(glass.absorption[number]) * body.scale
+        # A cavity of the surroundings' medium is outside its glass: what overlaps it fills it.
+        holds = number == SOLID or (number > 0 and (ior != around or taken.any()))
+        flags = ENDLESS * (number in body.endless) + HOLLOW * (number in hollow) + HOLDS * holds
+        rows[2 * number] = ior, flags, 0.0, 0.0
+        rows[2 * number + 1, :3] = taken
     return rows
 
 
 def _hollow(body: BoundedGlass) -> set[int]:
     """The media that things may stand in: those around a glass, and what it contains."""
     outside = set(body.endless)
+    if _is_mesh(body):
+        # Water is a mesh as any.
+        return {0, SOLID}
     if isinstance(body, Prism):
         return outside
     if isinstance(body, AxialGlass) and hasattr(body, "glass"):
@@ -196,6 +218,32 @@ class _Table:
     interfaces: np.ndarray
     count: int
     pointers: tuple[tuple[int, int], ...]
+
+
+def _is_mesh(body: BoundedGlass) -> bool:
+    return isinstance(body, MeshBody)
+
+
+def trees_of(glasses: Sequence[Posed]) -> tuple[Tree, ...]:
+    """The trees of the glasses that are meshes, each once, in the order of their texels."""
+    trees = (glass.body.tree for glass in glasses if _is_mesh(glass.body))
+    return tuple({id(tree): tree for tree in trees}.values())
+
+
+def starts_of(trees: Sequence[Tree]) -> dict[int, int]:
+    """Where the texels of each tree begin, by its id, if one is written after the other."""
+    ends = np.cumsum([0, *(len(tree.texels) for tree in trees)])
+    return {id(tree): int(start) for tree, start in zip(trees, ends[:-1], strict=True)}
+
+
+def _mesh_table(body: MeshBody, starts: dict[int, int]) -> _Table:
+    """The surface of a mesh: where its tree is, and what gets through it."""
+    rows = np.zeros((INTERFACE_ROWS, 4))
+    start = starts[id(body.tree)]
+    rows[0] = MESH, 0, SOLID, 0.0
+    rows[1, :3] = start, body.tree.leaves, start + body.tree.triangles
+    rows[2, :3] = body.refracted
+    return _Table(rows, 1, ())
 
 
 @lru_cache(maxsize=64)

@@ -78,7 +78,6 @@ def depths(line: tuple[float, float, float, float], values: np.ndarray) -> np.nd
 def pack_view(
     view: Viewpoint,
     frame: Frame,
-    within: tuple[int, int],
     captures: list[tuple[np.ndarray, int]],
     scene_reach: float,
 ) -> np.ndarray:
@@ -86,7 +85,6 @@ def pack_view(
 
     Parameters
     ----------
-    within : the glass that the eye is in, -1 for none, and the medium there.
     captures : for each its centre (3,) in the world and the pixels of a face's side, 0 while
         nothing of it is drawn.
     scene_reach : metres from the frame's origin within which all things are.
@@ -118,7 +116,7 @@ def pack_view(
     pixel = float(np.linalg.norm(block[7, :3]))
     block[5, :2] = (pixel, 0.0) if view.is_parallel else (0.0, pixel / ahead)
     block[10] = *view.size, near, longest
-    block[11] = MARGIN * frame.reach, *within, 0.0
+    block[11, 0] = MARGIN * frame.reach
     for number, (centre, side) in enumerate(captures[:CAPTURES]):
         block[12 + number] = *frame.place(centre), side
     return block.astype(np.float32)

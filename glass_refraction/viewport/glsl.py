@@ -13,12 +13,15 @@ from .description import (
     CHORD_ROWS,
     CUBIC_ROWS,
     CYLINDER,
+    DEEPEST,
     ENDLESS,
     GLASS_ROWS,
+    HOLDS,
     HOLLOW,
     INTERFACE_ROWS,
     LID,
     MEDIUM_ROWS,
+    MESH,
     PLANE,
     PROFILE,
     ROWS,
@@ -26,6 +29,7 @@ from .description import (
     SIDE,
     THING_ROWS,
 )
+from .trees import LEAF, NODE_TEXELS, ROW_BITS, TRIANGLE_TEXELS
 
 BLOCKS = f"""
 struct Glasses {{ vec4 rows[{ROWS}]; }};
@@ -38,7 +42,7 @@ struct View {{
   vec4 up;           /* and up */
   vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
   vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
-  vec4 start;        /* the ball that holds all glasses; glass and medium that the eye is in; - */
+  vec4 start;        /* radius of the ball that holds all glasses; - */
   vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
 }};
 """
@@ -56,23 +60,30 @@ CONSTANTS = f"""
 #define SIDE {SIDE}
 #define SHELL {SHELL}
 #define PROFILE {PROFILE}
+#define MESH {MESH}
 #define ENDLESS {ENDLESS}
 #define HOLLOW {HOLLOW}
 #define COURSE_BASE {COURSE_BASE}
 #define LONGEST_COURSE {COURSE_BASE ** (MOST_DIGITS - 1)}
+#define HOLDS {HOLDS}
+#define DEEPEST {DEEPEST}
+#define LEAF {LEAF}
+#define NODE_TEXELS {NODE_TEXELS}
+#define TRIANGLE_TEXELS {TRIANGLE_TEXELS}
+#define ROW_BITS {ROW_BITS}
 """
 
 HOOKS = """
-/* What is done with a way: who uses `follow` says it.
+/* What is done with a way: who uses `follow` says it. All places are in the common frame.
  * leave: it left all glasses. lose: no face is met where one should be. covered: whether something
  * stands before the first place of the ray. stopped: whether something ends a stretch before the
- * next face. touches: whether a face that may lie on a thing does. */
+ * next face (boxed: which only things can whose boxes reach into glass g). touches: whether a face
+ * that may lie on a thing does. `taken`: what the stretch's medium takes of light. */
 void leave(vec3 p, vec3 d, vec4 light, int g, int number);
 void lose(vec4 light);
 bool covered(vec3 p);
-bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
-             int number);
-bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number);
+bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number);
+bool touches(vec3 p, vec3 d, vec4 light, int g, int number);
 """
 
 FOLLOW = (
@@ -99,6 +110,17 @@ FOLLOW = (
 
 /* Of the way that is followed. */
 int course = 0;
+/* Nodes of a mesh's tree that a ray sees, at most. */
+#define MOST_NODES 4000
+/* How far beyond its sides a triangle is met: rounding must leave no gap between two. */
+#define SEAM 1e-6
+/* How far off a mesh's face rays start, in units of the glass: they must not meet faces beside it
+ * on the wrong side. */
+#define CLEARANCE 4e-6
+/* As in optics/facets.py. */
+#define BENT_SHARE 0.9
+#define BENT_CLEAR 0.01
+#define BENT_HALVINGS 12
 
 vec4 row(int k) { return glasses.rows[k]; }
 
@@ -275,15 +297,97 @@ bool refine(int at, vec3 o, vec3 d, bool back, inout float way, inout float t)
          (back ? towards > 0.0 : towards < 0.0);
 }
 
+#ifdef MESHES
+vec4 texel(int k)
+{
+  return texelFetch(mesh_tx, ivec2(k & ((1 << ROW_BITS) - 1), k >> ROW_BITS), 0);
+}
+
+/* Where a ray enters a box, NOWHERE if not within its reach. `inverse`: of its direction. */
+float meet_box(vec3 low, vec3 high, vec3 o, vec3 inverse, float reach)
+{
+  vec3 one = (low - o) * inverse, two = (high - o) * inverse;
+  vec3 near = min(one, two), far = max(one, two);
+  float enter = max(max(near.x, near.y), max(near.z, 0.0));
+  return enter <= min(min(far.x, far.y), min(far.z, reach)) ? enter : NOWHERE;
+}
+
+/* The nearest triangle of a mesh but `skip`: (its texel, shares of the second and third corner).
+ * (T. Möller and B. Trumbore, Fast, Minimum Storage Ray/Triangle Intersection, 1997.) The tree is
+ * walked without a stack: a bit a level tells whether the node beside is still to be seen. */
+vec3 meet_mesh(vec4 tree, vec3 o, vec3 d, float reach, int skip, inout float way)
+{
+  int nodes = int(tree.x), leaves = int(tree.y), first = int(tree.z);
+  vec3 inverse = 1.0 / mix(d, vec3(1e-12), lessThan(abs(d), vec3(1e-12)));
+  vec3 found = vec3(-1.0, 0.0, 0.0);
+  float nearest = reach;
+  int node = 1, waits = 0;
+  for (int guard = 0; guard < MOST_NODES; guard++) {
+    if (node >= leaves) {
+      for (int k = 0; k < LEAF; k++) {
+        int at = first + TRIANGLE_TEXELS * ((node - leaves) * LEAF + k);
+        vec3 e1 = texel(at + 1).xyz, e2 = texel(at + 2).xyz;
+        vec3 h = cross(d, e2);
+        float determinant = dot(e1, h);
+        if (determinant == 0.0 || at == skip) {
+          continue;
+        }
+        float scale = 1.0 / determinant;
+        vec3 s = o - texel(at).xyz;
+        float u = scale * dot(s, h);
+        vec3 q = cross(s, e1);
+        float v = scale * dot(d, q);
+        float t = scale * dot(e2, q);
+        if (u >= -SEAM && v >= -SEAM && u + v <= 1.0 + SEAM && t >= 0.0 && t < nearest) {
+          nearest = t;
+          found = vec3(float(at), u, v);
+        }
+      }
+    }
+    else {
+      int at = nodes + NODE_TEXELS * node;
+      vec4 a = texel(at), b = texel(at + 1), c = texel(at + 2);
+      float one = meet_box(a.xyz, vec3(a.w, b.xy), o, inverse, nearest);
+      float two = meet_box(vec3(b.zw, c.x), c.yzw, o, inverse, nearest);
+      if (min(one, two) < NOWHERE) {
+        node = 2 * node + (two < one ? 1 : 0);
+        waits = 2 * waits + (max(one, two) < NOWHERE ? 1 : 0);
+        continue;
+      }
+    }
+    while (waits != 0 && (waits & 1) == 0) {
+      waits >>= 1;
+      node >>= 1;
+    }
+    if (waits == 0) {
+      break;
+    }
+    waits ^= 1;
+    node ^= 1;
+  }
+  if (found.x >= 0.0) {
+    way = nearest;
+  }
+  return found;
+}
+#endif
+
 /* The next interface of glass g that a ray (in the glass's frame, unit direction) meets in medium
- * m: its row, -1 for none; how far; and for profiles where on the curve. */
-int next_interface(int g, int m, vec3 o, vec3 d, float reach, out float way, out float spot)
+ * m: its row, -1 for none; how far; and of profiles and meshes where on it. */
+int next_interface(int g, int m, vec3 o, vec3 d, float reach, int skip, out float way,
+                   out vec3 spot)
 {
   vec4 record = row(1 + GLASS_ROWS * g);
   int first = int(record.x), count = int(record.y);
   int met = -1;
   way = reach;
-  spot = 0.0;
+  spot = vec3(0.0);
+#ifdef MESHES
+  if (int(row(first).x) == MESH) {
+    spot = meet_mesh(row(first + 1), o, d, reach, skip, way);
+    return spot.x < 0.0 ? -1 : first;
+  }
+#endif
   float p2 = dot(d.xy, d.xy);
   float outward = dot(o.xy, d.xy);
   float ell = o.x * d.y - o.y * d.x;
@@ -364,14 +468,14 @@ int next_interface(int g, int m, vec3 o, vec3 d, float reach, out float way, out
     if (t < way) {
       way = t;
       met = at;
-      spot = mark;
+      spot.x = mark;
     }
   }
   return met;
 }
 
-/* Unit normal towards the front of an interface at a place, which is put onto it. */
-vec3 normal_at(int at, float spot, inout vec3 p)
+/* Unit normal towards the front of a closed form's interface at a place, which is put onto it. */
+vec3 closed_normal(int at, float spot, inout vec3 p)
 {
   vec4 face = row(at), s = row(at + 1);
   int kind = int(face.x);
@@ -401,6 +505,24 @@ vec3 normal_at(int at, float spot, inout vec3 p)
   return vec3(n.x * axis, n.y);
 }
 
+/* Unit normal towards the front of an interface at a place, which is put onto it. `flat_`: the
+ * surface's own, which that of a smooth mesh differs from. */
+vec3 normal_at(int at, vec3 spot, inout vec3 p, out vec3 flat_)
+{
+#ifdef MESHES
+  if (int(row(at).x) == MESH) {
+    int k = int(spot.x);
+    vec3 e1 = texel(k + 1).xyz, e2 = texel(k + 2).xyz;
+    p = texel(k).xyz + spot.y * e1 + spot.z * e2;
+    flat_ = normalize(cross(e1, e2));
+    vec3 n = (1.0 - spot.y - spot.z) * texel(k + 3).xyz + spot.y * texel(k + 4).xyz +
+             spot.z * texel(k + 5).xyz;
+    return dot(n, n) > 0.0 ? normalize(n) : flat_;
+  }
+#endif
+  flat_ = closed_normal(at, spot.x, p);
+  return flat_;
+}
 /* Reflectance for unpolarised light; `cosine` before the interface, `behind` after it. */
 float fresnel(float cosine, float eta, out float behind)
 {
@@ -445,24 +567,166 @@ vec3 turn_out(int g, vec3 d)
 
 vec4 medium_row(int g, int m) { return row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m); }
 
+/* A place in the frame of one glass in that of another; -1: the common one. */
+vec3 moved(int from, int to, vec3 p)
+{
+  if (from == to) {
+    return p;
+  }
+  p = from < 0 ? p : to_common(from, p);
+  return to < 0 ? p : to_glass(to, p);
+}
+
+vec3 turned_to(int from, int to, vec3 d)
+{
+  if (from == to) {
+    return d;
+  }
+  d = from < 0 ? d : turn_out(from, d);
+  return to < 0 ? d : turn_in(to, d);
+}
+
+/* What a ray is in: glass · 16 + medium, in the order in which it entered them; -1: nothing. */
+int medium_in(ivec4 held, int g)
+{
+  for (int k = 0; k < DEEPEST; k++) {
+    if (held[k] >= 0 && (held[k] >> 4) == g) {
+      return held[k] & 15;
+    }
+  }
+  return 0;
+}
+
+/* The same after the medium of one glass became another one. */
+ivec4 with_medium(ivec4 held, int g, int m)
+{
+  ivec4 found = ivec4(-1);
+  int count = 0;
+  bool known = false;
+  for (int k = 0; k < DEEPEST; k++) {
+    bool own = held[k] >= 0 && (held[k] >> 4) == g;
+    if (held[k] < 0 || (own && m == 0)) {
+      continue;
+    }
+    found[count] = own ? 16 * g + m : held[k];
+    known = known || own;
+    count++;
+  }
+  if (!known && m > 0 && count < DEEPEST) {
+    found[count] = 16 * g + m;
+  }
+  return found;
+}
+
+/* Which of them holds (see `Media` in optics/placed.py): the one of the highest priority, of equal
+ * ones that which was entered first; -1: none. */
+int holding(ivec4 held)
+{
+  int best = -1;
+  float most = 0.0;
+  for (int k = 0; k < DEEPEST; k++) {
+    if (held[k] < 0) {
+      continue;
+    }
+    int g = held[k] >> 4;
+    float priority = row(10 + GLASS_ROWS * g).x;
+    if ((int(medium_row(g, held[k] & 15).y) & HOLDS) != 0 && (best < 0 || priority > most)) {
+      best = held[k];
+      most = priority;
+    }
+  }
+  return best;
+}
+
+/* The glass in whose frame a ray is followed: the last one that it entered and is still within. */
+int home_of(ivec4 held)
+{
+  int home = -1;
+  for (int k = 0; k < DEEPEST; k++) {
+    if (held[k] >= 0 && (int(medium_row(held[k] >> 4, held[k] & 15).y) & ENDLESS) == 0) {
+      home = held[k] >> 4;
+    }
+  }
+  return home;
+}
+
+/* The glasses that rays start in: without those that end where the rays begin outside of all. */
+ivec4 starting(bool within)
+{
+  ivec4 held = ivec4(-1);
+  int count = int(row(0).x);
+  for (int k = 0; k < count; k++) {
+    int m = int(row(9 + GLASS_ROWS * k).z);
+    if (m > 0 && (within || (int(medium_row(k, m).y) & ENDLESS) != 0)) {
+      held = with_medium(held, k, m);
+    }
+  }
+  return held;
+}
+
+float ior_of(int holder)
+{
+  return holder < 0 ? row(0).y : medium_row(holder >> 4, holder & 15).x;
+}
+
+#ifdef MESHES
+/* Whether an interpolated normal leads rays to the right side of the face (see `bent` in
+ * optics/facets.py). */
+bool is_right(vec3 n, vec3 flat_, vec3 d, float eta, vec2 least)
+{
+  float cosine = -dot(n, d), behind;
+  float up = dot(d, flat_) + 2.0 * cosine * dot(n, flat_);
+  bool total = fresnel(clamp(cosine, 0.0, 1.0), eta, behind) >= 1.0;
+  vec3 through = eta * d + (eta * cosine - behind) * n;
+  return cosine > 0.0 && up >= least.x && (total || -dot(through, flat_) >= least.y);
+}
+
+vec3 bent(vec3 n, vec3 flat_, vec3 d, float eta)
+{
+  float below;
+  fresnel(clamp(-dot(flat_, d), 0.0, 1.0), eta, below);
+  vec2 least = min(BENT_SHARE * vec2(-dot(flat_, d), below), vec2(BENT_CLEAR));
+  if (n == flat_ || is_right(n, flat_, d, eta, least)) {
+    return n;
+  }
+  float low = 0.0, high = 1.0;
+  for (int k = 0; k < BENT_HALVINGS; k++) {
+    float middle = 0.5 * (low + high);
+    if (is_right(normalize(mix(n, flat_, middle)), flat_, d, eta, least)) {
+      high = middle;
+    }
+    else {
+      low = middle;
+    }
+  }
+  return normalize(mix(n, flat_, high));
+}
+#endif
+
 /* Follows one ray (common frame, unit direction) through all glasses, the strongest ways first.
  *
- * glass, medium: where it starts; -1: outside of all. least: light below this part is not followed.
+ * start: what it starts in, see `medium_in`. least: light below this part is not followed.
  * most: ways after which to stop. splits: false if surfaces only refract, and take no light.
  * Returns how far the ray goes to the first interface, NOWHERE if it meets none. */
-float follow(vec3 place, vec3 along, int glass, int medium, float least, int most, bool splits)
+float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool splits)
 {
   vec3 places[PENDING];
   vec3 alongs[PENDING];
   vec4 lights[PENDING];
+  ivec4 helds[PENDING];
   ivec4 states[PENDING];
   int pending = 0;
-  vec3 p = place, d = along;
   vec4 light = vec4(1.0);
-  int g = glass, m = medium, events = 0, ways = 0;
-  course = glass < 0 ? 0 : NO_COURSE;
+  ivec4 held = start;
+  int home = home_of(held);
+  /* p and d are in the frame of the glass `home`, of none in the common one. */
+  vec3 p = home < 0 ? place : to_glass(home, place);
+  vec3 d = home < 0 ? along : turn_in(home, along);
+  int last = home, events = 0, ways = 0, skip = -1;
+  course = home < 0 ? 0 : NO_COURSE;
   float first_way = NOWHERE;
-  bool alive = true;
+  bool alive = true, begun = false;
+  int glasses_ = int(row(0).x);
   for (int guard = 0; guard < MOST_STRETCHES; guard++) {
     if (!alive) {
       if (pending == 0 || ways >= most) {
@@ -475,20 +739,26 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
         }
       }
       pending--;
-      p = places[best]; d = alongs[best]; light = lights[best];
-      g = states[best].x; m = states[best].y; events = states[best].z; course = states[best].w;
+      p = places[best]; d = alongs[best]; light = lights[best]; held = helds[best];
+      last = states[best].x; events = states[best].y; skip = states[best].z;
+      course = states[best].w;
       places[best] = places[pending]; alongs[best] = alongs[pending];
       lights[best] = lights[pending]; states[best] = states[pending];
+      helds[best] = helds[pending];
+      home = home_of(held);
       alive = true;
     }
-    bool outside = g < 0 || (int(medium_row(g, m).y) & ENDLESS) != 0;
-    /* p and d are in the common frame outside, in the glass's frame inside. */
-    float way = NOWHERE, spot = 0.0;
-    int met = -1, hit = g;
-    if (outside) {
-      int count = int(row(0).x);
-      for (int k = 0; k < count; k++) {
-        vec3 q = to_glass(k, p), v = turn_in(k, d);
+    vec3 from = home < 0 ? p : to_common(home, p);
+    vec3 toward = home < 0 ? d : turn_out(home, d);
+    /* Of the nearest interface: way in the common frame, row, glass, where on it. */
+    float way = NOWHERE;
+    vec3 spot = vec3(0.0);
+    int met = -1, hit = last;
+    for (int k = 0; k < glasses_; k++) {
+      bool own = k == home;
+      vec3 q = own ? p : to_glass(k, from), v = own ? d : turn_in(k, toward);
+      float enter = 0.0;
+      if (!own) {
         vec4 ball = row(2 + GLASS_ROWS * k);
         vec3 away = ball.xyz - q;
         float ahead = dot(away, v);
@@ -497,32 +767,64 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
         if (dot(off, off) > reach * reach || (ahead < 0.0 && dot(away, away) > reach * reach)) {
           continue;
         }
-        float size = row(9 + GLASS_ROWS * k).x;
-        int outer = k == g ? m : int(row(9 + GLASS_ROWS * k).z);
-        float t, mark;
         /* From where it enters the ball: numbers stay small there. */
-        float enter = max(ahead - sqrt(reach * reach - dot(off, off)), 0.0);
-        int found = next_interface(k, outer, q + enter * v, v, way / size - enter, t, mark);
-        if (found >= 0) {
-          way = (t + enter) * size;
-          spot = mark;
-          met = found;
-          hit = k;
-        }
+        enter = max(ahead - sqrt(reach * reach - dot(off, off)), 0.0);
+      }
+      float size = row(9 + GLASS_ROWS * k).x;
+      float t;
+      vec3 mark;
+      /* No farther than NOWHERE: that is the way to a face that is not met. */
+      float near = min(way / size - enter, NOWHERE);
+      int found = next_interface(k, medium_in(held, k), q + enter * v, v, near, skip, t, mark);
+      if (found >= 0) {
+        way = (t + enter) * size;
+        spot = mark;
+        met = found;
+        hit = k;
       }
     }
-    else {
-      met = next_interface(g, m, p, d, NOWHERE, way, spot);
-    }
-    if (events == 0) {
-      first_way = met < 0 ? NOWHERE : (outside ? way : way * row(9 + GLASS_ROWS * g).x);
+    if (!begun) {
+      begun = true;
+      first_way = way;
       if (met < 0 || covered(place + first_way * along)) {
         return NOWHERE;
       }
     }
+    vec3 n = vec3(0.0), flat_ = vec3(0.0), here = p;
+    int beyond = 0;
+    bool is_mesh = false;
+    if (met >= 0) {
+      vec3 v = d;
+      if (hit != home) {
+        here = to_glass(hit, from);
+        v = turn_in(hit, toward);
+      }
+      here += way / row(9 + GLASS_ROWS * hit).x * v;
+      n = normal_at(met, spot, here, flat_);
+      vec4 face = row(met);
+      is_mesh = int(face.x) == MESH;
+      bool back = medium_in(held, hit) == int(face.z);
+      if (is_mesh) {
+        /* The side of a face tells what the ray was in. */
+        back = dot(flat_, v) > 0.0;
+        held = with_medium(held, hit, back ? 1 : 0);
+      }
+      beyond = back ? int(face.y) : int(face.z);
+      n = back ? -n : n;
+      flat_ = back ? -flat_ : flat_;
+      d = v;
+    }
+    int holder = holding(held);
+    vec3 taken = vec3(0.0);
+    if (holder >= 0) {
+      int g = holder >> 4;
+      taken = row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * (holder & 15) + 1).xyz /
+              row(9 + GLASS_ROWS * g).x;
+    }
     if (met < 0) {
-      if (outside) {
-        leave(p, d, light, g, ways);
+      /* A closed form has a face wherever a ray in it goes. */
+      if (home < 0 || int(row(int(row(1 + GLASS_ROWS * home).x)).x) == MESH) {
+        leave(from, toward, light, last, ways);
         ways++;
       }
       else {
@@ -531,100 +833,109 @@ float follow(vec3 place, vec3 along, int glass, int medium, float least, int mos
       alive = false;
       continue;
     }
-    if (events > 0 && stopped(p, d, light, g, m, outside, hit == g, way, ways)) {
+    bool may_stop = events > 0 &&
+                    (home < 0 || (int(medium_row(home, medium_in(held, home)).y) & HOLLOW) != 0);
+    if (may_stop && stopped(from, toward, light, home < 0 ? last : home, taken,
+                            home >= 0 || hit == last, way, ways)) {
       ways++;
       alive = false;
       continue;
     }
-    if (outside) {
-      course = events > 0 && hit != g ? NO_COURSE : course;
-      m = hit == g ? m : int(row(9 + GLASS_ROWS * hit).z);
-      g = hit;
-      way /= row(9 + GLASS_ROWS * g).x;
-      p = to_glass(g, p);
-      d = turn_in(g, d);
+    light.rgb *= exp(-taken * way);
+    if (row(met).w > 0.5 && events > 0 &&
+        touches(to_common(hit, here), toward, light, hit, ways)) {
+      ways++;
+      alive = false;
+      continue;
+    }
+    ivec4 after = with_medium(held, hit, beyond);
+    int holder_after = holding(after);
+    if ((events > 0 && hit != last) || holder == holder_after) {
+      course = NO_COURSE;
+    }
+    last = hit;
+    skip = is_mesh ? int(spot.x) : -1;
+    vec3 clear = is_mesh ? CLEARANCE * flat_ : vec3(0.0);
+    if (holder == holder_after) {
+      /* What holds stays the same: the ray goes straight on. */
+      held = after;
+      home = home_of(held);
+      p = here - clear;
     }
     else {
-      vec3 taken = row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m + 1).xyz;
-      light.rgb *= exp(-taken * way);
-    }
-    p += way * d;
-    vec3 n = normal_at(met, spot, p);
-    vec4 face = row(met);
-    bool back = m == int(face.z);
-    int beyond = back ? int(face.y) : int(face.z);
-    if (face.w > 0.5 && events > 0 && touches(p, d, light, g, m, ways)) {
-      ways++;
-      alive = false;
-      continue;
-    }
-    n = back ? -n : n;
-    float eta = medium_row(g, m).x / medium_row(g, beyond).x;
-    float cosine = clamp(-dot(n, d), 0.0, 1.0), behind;
-    float mirrored = fresnel(cosine, eta, behind);
-    bool total = mirrored >= 1.0;
-    if (!splits) {
-      mirrored = 0.0;
-      if (total) {
-        lose(light);
-        alive = false;
-        continue;
+      float eta = ior_of(holder) / ior_of(holder_after);
+#ifdef MESHES
+      if (is_mesh) {
+        n = bent(n, flat_, d, eta);
       }
-    }
-    events++;
-    float enough = splits ? least * max(1.0, float(events) / PLAIN) : 0.0;
-    vec4 other = light * vec4(1.0, 1.0, 1.0, mirrored);
-    light.w *= 1.0 - mirrored;
-    vec3 turned = d + 2.0 * cosine * n;
-    d = normalize(eta * d + (eta * cosine - behind) * n);
-    bool mirror_first = other.w > light.w;
-    vec3 second = mirror_first ? d : turned;
-    vec4 rest = mirror_first ? light : other;
-    int second_medium = mirror_first ? beyond : m;
-    int crossed = crossing(g, met);
-    course = mirror_first ? NO_COURSE : crossed;
-    int second_course = mirror_first ? crossed : NO_COURSE;
-    if (mirror_first) {
-      d = turned;
-      light = other;
-    }
-    else {
-      m = beyond;
-    }
-    vec3 here = p;
-    if (rest.w > enough) {
-      bool out_again = (int(medium_row(g, second_medium).y) & ENDLESS) != 0;
-      int slot = pending;
-      if (pending == PENDING) {
-        slot = 0;
-        for (int k = 1; k < PENDING; k++) {
-          if (lights[k].w < lights[slot].w) {
-            slot = k;
-          }
+#endif
+      float cosine = clamp(-dot(n, d), 0.0, 1.0), behind;
+      float mirrored = fresnel(cosine, eta, behind);
+      bool total = mirrored >= 1.0;
+      if (!splits) {
+        mirrored = 0.0;
+        if (total) {
+          lose(light);
+          alive = false;
+          continue;
         }
-        if (lights[slot].w > rest.w) {
-          slot = -1;
-        }
+      }
+      events++;
+      float enough = splits ? least * max(1.0, float(events) / PLAIN) : 0.0;
+      vec4 other = light * vec4(1.0, 1.0, 1.0, mirrored);
+      light.w *= 1.0 - mirrored;
+      if (is_mesh) {
+        light.rgb *= row(met + 2).rgb;
+        other.rgb *= row(10 + GLASS_ROWS * hit).yzw;
+      }
+      vec3 turned = d + 2.0 * cosine * n;
+      d = normalize(eta * d + (eta * cosine - behind) * n);
+      p = here - clear;
+      vec3 second_place = here + clear;
+      vec3 second = turned;
+      vec4 rest = other;
+      ivec4 second_held = held;
+      int crossed = crossing(hit, met), second_course = NO_COURSE;
+      if (other.w > light.w) {
+        second_course = crossed;
+        course = NO_COURSE;
+        second_place = p; second = d; rest = light; second_held = after;
+        p = here + clear; d = turned; light = other;
       }
       else {
-        pending++;
+        held = after;
+        course = crossed;
       }
-      if (slot >= 0) {
-        places[slot] = out_again ? to_common(g, here) : here;
-        alongs[slot] = out_again ? turn_out(g, second) : second;
-        lights[slot] = rest;
-        states[slot] = ivec4(g, second_medium, events, second_course);
+      home = home_of(held);
+      if (rest.w > enough) {
+        int slot = pending;
+        if (pending == PENDING) {
+          slot = 0;
+          for (int k = 1; k < PENDING; k++) {
+            if (lights[k].w < lights[slot].w) {
+              slot = k;
+            }
+          }
+          if (lights[slot].w > rest.w) {
+            slot = -1;
+          }
+        }
+        else {
+          pending++;
+        }
+        if (slot >= 0) {
+          int second_home = home_of(second_held);
+          places[slot] = moved(hit, second_home, second_place);
+          alongs[slot] = turned_to(hit, second_home, second);
+          lights[slot] = rest;
+          helds[slot] = second_held;
+          states[slot] = ivec4(hit, events, skip, second_course);
+        }
       }
+      alive = light.w > enough;
     }
-    if (light.w > enough) {
-      if ((int(medium_row(g, m).y) & ENDLESS) != 0) {
-        p = to_common(g, here);
-        d = turn_out(g, d);
-      }
-    }
-    else {
-      alive = false;
-    }
+    p = moved(hit, home, p);
+    d = turned_to(hit, home, d);
   }
   return first_way;
 }
@@ -1095,39 +1406,25 @@ bool may_meet(int g, vec3 p, vec3 d, float reach)
   return false;
 }
 
-bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
-             int number)
+bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {
-  float size = 1.0;
-  if (!outside) {
-    if ((int(medium_row(g, m).y) & HOLLOW) == 0) {
-      return false;
-    }
-    size = row(9 + GLASS_ROWS * g).x;
-    p = to_common(g, p);
-    d = turn_out(g, d);
-  }
   /* From one glass to another anything may stand; within one what reaches into its box. */
-  if ((!outside || same) && !may_meet(g, p, d, way * size)) {
+  if (boxed && !may_meet(g, p, d, way)) {
     return false;
   }
   vec4 colour;
   float reached;
-  if (!seen(p, d, way * size, capture_of(g), colour, reached)) {
+  if (!seen(p, d, way, capture_of(g), colour, reached)) {
     return false;
   }
-  if (!outside) {
-    vec3 taken = row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m + 1).xyz;
-    light.rgb *= exp(-taken * reached / size);
-  }
+  light.rgb *= exp(-taken * reached);
   add(colour, light);
   return true;
 }
 
 /* A face that lies on a thing shows it, with no air between. */
-bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number)
+bool touches(vec3 at, vec3 d, vec4 light, int g, int number)
 {
-  vec3 at = to_common(g, p);
   vec4 clip = view.to_clip * vec4(at, 1.0);
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
   float near = TOUCHING * row(9 + GLASS_ROWS * g).x;
@@ -1152,30 +1449,17 @@ bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number)
 )
 
 MAIN = """
-/* Differences from pixel to pixel, as they are and as part of the colour, from which on more
- * samples are worth their time. */
-#define EDGE_STEP vec4(0.012, 0.012, 0.012, 0.02)
-#define EDGE_PART 0.05
-
-/* Whether the first sample differs from those beside it. */
-bool is_edge(ivec2 pixel)
-{
-  vec4 here = texelFetch(first_tx, pixel, 0);
-  ivec2 last = textureSize(first_tx, 0) - 1;
-  for (int k = 0; k < 4; k++) {
-    ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
-    vec4 other = texelFetch(first_tx, clamp(pixel + step_, ivec2(0), last), 0);
-    if (any(greaterThan(abs(other - here), EDGE_STEP + EDGE_PART * abs(here)))) {
-      return true;
-    }
-  }
-  return false;
-}
-
 /* One sample of every pixel: the colour seen through the glass, and whether there is any. */
 void main()
 {
-  vec2 pixel = (gl_FragCoord.xy + jitter.xy) * jitter.z;
+  vec2 at = gl_FragCoord.xy;
+  if (is_listed != 0) {
+    at = texelFetch(list_tx, ivec2(at), 0).xy + 0.5;
+    if (at.x < 0.0) {
+      discard;
+    }
+  }
+  vec2 pixel = (at + jitter.xy) * jitter.z;
   vec3 p = view.plane.xyz + pixel.x * view.right.xyz + pixel.y * view.up.xyz;
   bool parallel = view.eye.w < 0.5;
   vec3 d = parallel ? view.eye.xyz : normalize(p - view.eye.xyz);
@@ -1189,20 +1473,11 @@ void main()
     cover *= band.a;
     return;
   }
-  if (only_edges != 0 && !is_edge(ivec2(gl_FragCoord.xy))) {
-    cover.g = 0.0;
-    return;
-  }
   float enter = ahead - sqrt(view.start.x * view.start.x - off * off);
   float eye_way = parallel ? -view.size.w : -length(p - view.eye.xyz);
   bool within = eye_way > enter;
   p += max(enter, eye_way) * d;
-  int g = within ? int(view.start.y) : -1, m = within ? int(view.start.z) : 0;
-  if (g >= 0 && (int(medium_row(g, m).y) & ENDLESS) == 0) {
-    p = to_glass(g, p);
-    d = turn_in(g, d);
-  }
-  float way = follow(p, d, g, m, least, most, splits != 0);
+  float way = follow(p, d, starting(within), least, most, splits != 0);
   if (way < NOWHERE && got > 0.0) {
     color = sum / got;
     cover.r = 1.0;
@@ -1237,19 +1512,18 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 
 void lose(vec4 light) {}
 bool covered(vec3 p) { return false; }
-bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
-             int number)
+bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {
   return false;
 }
-bool touches(vec3 p, vec3 d, vec4 light, int g, int m, int number) { return false; }
+bool touches(vec3 p, vec3 d, vec4 light, int g, int number) { return false; }
 
 void main()
 {
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
   vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
-  follow(p, d, -1, 0, least, most, true);
+  follow(p, d, starting(false), least, most, true);
   place = exit_place;
   along = exit_along;
 }
@@ -1291,28 +1565,31 @@ bool is_line(ivec2 pixel)
   return false;
 }
 
+vec4 at_pixel(sampler2D tx)
+{
+  return divisor > 1.0 ? smooth_at(tx, gl_FragCoord.xy / divisor)
+                       : texelFetch(tx, ivec2(gl_FragCoord.xy), 0);
+}
+
 void main()
 {
-  vec2 place = gl_FragCoord.xy / divisor;
-  vec4 covers_ = smooth_at(cover_tx, place);
-  vec4 seen = smooth_at(color_tx, place);
-  if (more != 0) {
-    covers_ += smooth_at(more_cover_tx, place);
-    seen += smooth_at(more_color_tx, place);
-  }
-  seen /= max(covers_.g, 1.0);
+  vec4 covers_ = at_pixel(cover_tx);
   float covers = covers_.r / max(covers_.g, 1.0);
-  ivec2 pixel = ivec2(gl_FragCoord.xy);
-  float before = texelFetch(direct_tx, pixel, 0).a;
-  float after = (1.0 - covers) * before + min(seen.a, covers);
+  if (covers <= 0.0 && (part < 2 || lines_at.x >= lines_at.y)) {
+    discard;
+  }
   if (part == 0) {
     frag = vec4(1.0 - covers);
     return;
   }
+  vec4 seen = at_pixel(color_tx) / max(covers_.g, 1.0);
   if (part == 1) {
     frag = seen;
     return;
   }
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  float before = texelFetch(direct_tx, pixel, 0).a;
+  float after = (1.0 - covers) * before + min(seen.a, covers);
   bool erased = lines_at.x < lines_at.y && is_line(pixel);
   bool is_open = before < 0.99 && !erased;
   if (part == 2) {
@@ -1324,6 +1601,45 @@ void main()
 }
 """
 )
+
+# Which pixels of a first sample differ from those beside them, so that more are worth their time.
+EDGES = """
+/* Differences from pixel to pixel, as they are and as part of the colour, that are too much. */
+#define EDGE_STEP vec4(0.012, 0.012, 0.012, 0.02)
+#define EDGE_PART 0.05
+
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec4 here = texelFetch(first_tx, pixel, 0);
+  ivec2 last = textureSize(first_tx, 0) - 1;
+  frag = vec4(0.0);
+  for (int k = 0; k < 4; k++) {
+    ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
+    vec4 other = texelFetch(first_tx, clamp(pixel + step_, ivec2(0), last), 0);
+    if (any(greaterThan(abs(other - here), EDGE_STEP + EDGE_PART * abs(here)))) {
+      frag = vec4(1.0);
+    }
+  }
+}
+"""
+
+# The samples of a layer and of one that has pixels at its edges, side by side.
+SUM = """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  color = texelFetch(color_tx, pixel, 0);
+  cover = texelFetch(cover_tx, pixel, 0);
+  int place = int(texelFetch(place_tx, pixel, 0).r);
+  if (place >= 0) {
+    int width = textureSize(more_color_tx, 0).x;
+    ivec2 there = ivec2(place % width, place / width);
+    color += texelFetch(more_color_tx, there, 0);
+    cover += texelFetch(more_cover_tx, there, 0);
+  }
+}
+"""
 
 # The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
 # pixels wide, as their lines are, gets the depth of what lies on both sides of it.
@@ -1345,6 +1661,27 @@ void main()
   value = max(value, max(across, along));
   float depth = (line.x + line.y * value) / (line.z + line.w * value);
   frag = vec4(value >= 1.0 ? FAR_OFF : depth);
+}
+"""
+
+# The nearest and the farthest depth in each tile of the view.
+TILES = """
+#define TILE 8
+#define FAR_OFF 1e19
+
+void main()
+{
+  ivec2 last = textureSize(raw_tx, 0) - 1;
+  ivec2 first = ivec2(gl_FragCoord.xy) * TILE;
+  vec2 range = vec2(1.0, 0.0);
+  for (int y = 0; y < TILE; y++) {
+    for (int x = 0; x < TILE; x++) {
+      float value = texelFetch(raw_tx, min(first + ivec2(x, y), last), 0).r;
+      range = vec2(min(range.x, value), max(range.y, value));
+    }
+  }
+  vec2 depths = (line.x + line.y * range) / (line.z + line.w * range);
+  frag = vec4(range.x < 1.0 ? depths.x : FAR_OFF, range.y < 1.0 ? depths.y : FAR_OFF, 0.0, 0.0);
 }
 """
 

@@ -9,14 +9,19 @@ import bpy
 import numpy as np
 
 from .. import optics
+from ..optics.axial import BoundedGlass
 from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import as_body, glass_objects, is_mesh_glass, read_glass
 from ..scene.read.sources import source_objects
 from ..scene.read.viewpoint import Viewpoint
-from .capture import Box, boxes_of
+from .capture import Box, box_of
 from .description import Frame, Posed, TooMuch, common_frame, pack
 from .eye import CAPTURES
+from .mesh_glasses import MeshGlasses
+from .news import News
 
+NEVER_SEEN = {"CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER", "ARMATURE", "LATTICE"}
+"""Kinds of objects that are neither glasses nor seen through one."""
 WITHIN = 0.01
 """Part of a glass's size by which a thing must reach into it to stand in it."""
 FAR_AWAY = 1e3
@@ -29,9 +34,9 @@ class Model:
     Attributes
     ----------
     key : what it was read from. enabled : the scene's setting, None before the first look.
-    glasses, frame, block : see :mod:`description`. boxes : see `capture.boxes_of`.
+    glasses, frame, block : see :mod:`description`.
     bands : the same blocks for red, green and blue light; empty if no glass disperses.
-    within : the glass that the eye is in, -1 for none, and the medium there.
+    shown : session uids of the objects that are glasses. meshes : those that are meshes.
     problems : one line for each glass that is left out.
     """
 
@@ -42,75 +47,140 @@ class Model:
         self.frame: Frame | None = None
         self.block: np.ndarray | None = None
         self.bands: list[np.ndarray] = []
-        self._bands: list[list] = []
-        self._names: tuple[int, ...] = ()
-        self.boxes: list[Box] = []
-        self.within = (-1, 0)
+        self.shown: set[int] = set()
+        self.meshes = MeshGlasses()
         self.problems: list[str] = []
+        self._bands: list[list] = []
+        self._things: dict[int, str] = {}
+        self._boxes: dict[int, Box] = {}
+        self._units: dict[tuple[int, int], np.ndarray | None] = {}
+        self._beside: set[int] = set()
+        self._serial = -1
 
-    def read(self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D) -> None:
-        """Read the glasses of a view layer; those hidden in the view are none."""
-        depsgraph = layer.depsgraph
+    @property
+    def boxes(self) -> list[Box]:
+        """Of all things, see `capture.box_of`."""
+        return list(self._boxes.values())
+
+    def read(
+        self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D, news: News, anew: bool
+    ) -> bool:
+        """Read what changed of a view layer; glasses that are hidden in the view are none.
+
+        Parameters
+        ----------
+        anew : everything, whatever the news are.
+
+        Returns
+        -------
+        bool
+            Whether the glasses were read.
+        """
+        changed = {uid for uid, serial in news.objects.items() if serial > self._serial}
+        anew = anew or self._serial < news.everything
+        self._serial = news.serial
+        # What is neither glass nor thing, nor anything that never is one, may have become one.
+        anew = anew or not changed <= self._things.keys() | self.shown | self._beside
+        if not anew:
+            anew = not self._read_boxes(layer, space, changed & self._things.keys())
+        if anew:
+            self._list_things(layer, space)
+        read = anew or bool(changed & self.shown)
+        if read:
+            self._read_glasses(layer, space, news)
+        if read or changed & self._things.keys():
+            self._place_things()
+        return read
+
+    def _list_things(self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D) -> None:
+        """Find all things, and read their boxes."""
+        things = [
+            o for o in source_objects(layer) if o.visible_get(view_layer=layer, viewport=space)
+        ]
+        self._things = {obj.session_uid: obj.name for obj in things}
+        self._beside = {o.session_uid for o in layer.objects if o.type in NEVER_SEEN}
+        self._boxes, self._units = {}, {}
+        self._read_boxes(layer, space, self._things.keys())
+
+    def _read_boxes(self, layer: bpy.types.ViewLayer, space, which) -> bool:
+        """Read the boxes of things that were found before; False if one is a thing no more."""
+        for uid in which:
+            obj = layer.objects.get(self._things[uid])
+            if obj is None or obj.session_uid != uid or obj.hide_render:
+                return False
+            if not obj.visible_get(view_layer=layer, viewport=space):
+                return False
+            self._boxes.pop(uid, None)
+            box = box_of(obj, layer.depsgraph)
+            if box is not None:
+                self._boxes[uid] = box
+            for key in [k for k in self._units if k[1] == uid]:
+                del self._units[key]
+        return True
+
+    def _read_glasses(
+        self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D, news: News
+    ) -> None:
         self.problems = []
-
-        def visible(obj: bpy.types.Object) -> bool:
-            return obj.visible_get(view_layer=layer, viewport=space)
-
-        things = [obj for obj in source_objects(layer) if visible(obj)]
-        self.boxes = boxes_of(things, depsgraph)
-        self._names = tuple(obj.session_uid for obj in things)
-        found, self._bands = [], []
+        found, self._bands, self._units = [], [], {}
+        self.shown = set()
         for obj in glass_objects(layer):
-            if not visible(obj) or is_mesh_glass(obj):
+            if not obj.visible_get(view_layer=layer, viewport=space):
+                # Its change may be that it is shown again.
                 continue
+            self.shown.add(obj.session_uid)
             try:
-                read = read_glass(obj, depsgraph)
+                if is_mesh_glass(obj):
+                    one = self.meshes.read(obj, layer.depsgraph, news)
+                else:
+                    one = _closed_form(obj, layer.depsgraph)
             except RefractiveGlassError as error:
                 self.problems.append(str(error))
                 continue
-            glass = as_body(read)
-            if glass is not None:
-                found.append(Posed(glass.description, glass.to_world, glass.absorption))
-                seen = [as_body(band).description for band in read.bands()]
-                self._bands.append(seen * (len(optics.LINES) // len(seen)))
+            if one is not None:
+                found.append(one[0])
+                self._bands.append(one[1])
+        self.meshes.keep(self.shown)
         self.glasses = [
-            replace(
-                glass,
-                capture=min(number, CAPTURES - 1),
-                things=tuple(box.unit() for box in self.boxes if _reaches_in(box, glass)),
-            )
-            for number, glass in enumerate(found)
+            replace(glass, capture=min(number, CAPTURES - 1)) for number, glass in enumerate(found)
         ]
-        self.block = None
         self.frame = common_frame(self.glasses) if self.glasses else None
+
+    def _place_things(self) -> None:
+        """Tell each glass which things reach into it."""
+        for number, glass in enumerate(self.glasses):
+            units = []
+            for uid, box in self._boxes.items():
+                key = number, uid
+                if key not in self._units:
+                    self._units[key] = box.unit() if _reaches_in(box, glass) else None
+                if self._units[key] is not None:
+                    units.append(self._units[key])
+            self.glasses[number] = replace(glass, things=tuple(units))
+        self.block = None
 
     def signature(self) -> tuple:
         """What tells of glasses and of which things are there; equal ones look the same."""
-        return (self._names, *((g.body, g.to_world.tobytes(), g.absorption) for g in self.glasses))
+        poses = ((g.body, g.to_world.tobytes(), g.absorption) for g in self.glasses)
+        return (tuple(self._things), *poses)
 
     def scene_reach(self) -> float:
         """Metres from the frame's origin within which all things are."""
-        if not self.boxes:
+        if not self._boxes:
             return 0.0
-        corners = np.concatenate([box.corners() for box in self.boxes])
+        corners = np.concatenate([box.corners for box in self._boxes.values()])
         return float(np.linalg.norm(corners - self.frame.origin, axis=1).max())
 
     def look_from(self, view: Viewpoint) -> None:
         """Tell in which media the eye is, and write the block if that changed."""
-        within, outer = (-1, 0), []
-        for number, glass in enumerate(self.glasses):
+        outer = []
+        for glass in self.glasses:
             if view.is_parallel:
                 eye = glass.middle() - FAR_AWAY * glass.reach() * view.forward
             else:
                 eye = view.eye
             local = (eye - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]
-            medium = int(glass.body.medium_at(local))
-            if medium in glass.body.endless:
-                outer.append(medium)
-            else:
-                outer.append(0)
-                within = (number, medium)
-        self.within = within
+            outer.append(int(glass.body.medium_at(local)))
         if self.block is not None and outer == [glass.outer for glass in self.glasses]:
             return
         self.glasses = [
@@ -145,11 +215,29 @@ class Model:
         ]
 
 
+def _closed_form(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> tuple[Posed, list[BoundedGlass]] | None:
+    """A glass of closed form, and how red, green and blue light find it; None: it bounds nothing.
+
+    Raises
+    ------
+    RefractiveGlassError
+    """
+    read = read_glass(obj, depsgraph)
+    glass = as_body(read)
+    if glass is None:
+        return None
+    posed = Posed(glass.description, glass.to_world, glass.absorption, priority=glass.priority)
+    seen = [as_body(band).description for band in read.bands()]
+    return posed, seen * (len(optics.LINES) // len(seen))
+
+
 def _reaches_in(box: Box, glass: Posed) -> bool:
     """Whether a thing's box may reach into a glass."""
     if not box.is_near(glass.middle(), glass.reach()):
         return False
     low, high = glass.body.box
     skin = WITHIN * (high - low)
-    local = (box.corners() - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]
+    local = (box.corners - glass.to_world[:3, 3]) @ glass.to_world[:3, :3]
     return bool(np.all(local.min(axis=0) < high - skin) and np.all(local.max(axis=0) > low + skin))

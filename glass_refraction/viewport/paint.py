@@ -10,6 +10,7 @@ gizmos come on top of it as ever.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gpu
@@ -17,14 +18,16 @@ import numpy as np
 
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
-from .description import Frame, Posed
-from .eye import common_line, depth_begin, depths, pack_view
+from .description import Frame, Posed, trees_of
+from .eye import common_line, depth_begin, pack_view
+from .trees import ROW_BITS, Tree
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
 
 _shaders: dict[str, object] = {}
-_FAR = 1e19
+WHOLE = (-1.0, -1.0, 1.0, 1.0)
+"""The box of a target that is filled from corner to corner."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Direct:
         self.stamp: np.ndarray | None = None
         self.python_seconds = 0.0
         self._buffers: tuple = ()
-        self._target = None
+        self._to_depth = self._to_tiles = None
 
     def read(self, framebuffer, view: Viewpoint, frame: Frame) -> bool:
         """Take the view's picture over; whether it differs from the last one."""
@@ -67,72 +70,90 @@ class Direct:
                 gpu.types.Buffer("FLOAT", (height, width, 4)),
                 gpu.types.Buffer("FLOAT", (height, width)),
             )
+            self.depth, self._to_depth = _target(view.size, "R32F")
+            # Four channels: two of them cannot be read back everywhere.
+            self.tiles, self._to_tiles = _target(tuple(-(-n // TILE) for n in view.size), "RGBA32F")
         colour, depth = self._buffers
         framebuffer.read_color(0, 0, width, height, 4, 0, "FLOAT", data=colour)
         framebuffer.read_depth(0, 0, width, height, data=depth)
-        self.colour = gpu.types.GPUTexture(view.size, format="RGBA16F", data=colour)
+        # As wide as it was read: to convert it to half floats takes longer than all the rest.
+        self.colour = gpu.types.GPUTexture(view.size, format="RGBA32F", data=colour)
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
-        self._linear(view)
+        self._fill(self._to_depth, "depth", view.size)
+        columns, rows = size = self.tiles.width, self.tiles.height
+        self._fill(self._to_tiles, "tiles", size)
+        with self._to_tiles.bind():
+            read = self._to_tiles.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
         began = time.thread_time()
-        values = np.asarray(depth)
-        tiles = _tiles(values, self.line)
+        tiles = np.asarray(read).reshape(rows, columns, 4)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
-        rows, columns, _ = tiles.shape
-        self.tiles = gpu.types.GPUTexture(
-            (columns, rows), format="RG32F", data=gpu.types.Buffer("FLOAT", tiles.shape, tiles)
-        )
         stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
         self.python_seconds = time.thread_time() - began
         return not same
 
-    def _linear(self, view: Viewpoint) -> None:
-        """Fill the texture of depths along the view from the depth buffer's values."""
-        if self.depth is None or (self.depth.width, self.depth.height) != view.size:
-            self.depth = gpu.types.GPUTexture(view.size, format="R32F")
-            self._target = gpu.types.GPUFrameBuffer(color_slots=[self.depth])
-        shader = _shader("depth")
-        with self._target.bind():
-            gpu.state.viewport_set(0, 0, *view.size)
+    def _fill(self, target, name: str, size: tuple[int, int]) -> None:
+        """Fill a texture that is made of the depth buffer's values."""
+        shader = _shader(name)
+        with target.bind():
+            gpu.state.viewport_set(0, 0, *size)
             gpu.state.depth_test_set("NONE")
             gpu.state.blend_set("NONE")
             shader.bind()
             shader.uniform_sampler("raw_tx", self.raw)
             shader.uniform_float("line", self.line)
-            shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
+            shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
 
 
-def _tiles(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
-    """(rows, columns, 2) float32: nearest and farthest depth of tiles, see `eye.common_line`."""
+def _target(size: tuple[int, int], *formats: str) -> tuple:
+    """Textures of a size, and a framebuffer that draws into them."""
+    textures = [gpu.types.GPUTexture(size, format=kind) for kind in formats]
+    return (*textures, gpu.types.GPUFrameBuffer(color_slots=textures))
+
+
+def odd_size(size: int) -> int:
+    """A size not smaller and no power of two: some drivers compile shaders for each kind anew."""
+    return size + (size & (size - 1) == 0)
+
+
+def _texture(values: np.ndarray, kind: str):
+    """A texture of (height, width) or (height, width, channels) float32 values."""
+    height, width = values.shape[:2]
+    data = gpu.types.Buffer("FLOAT", values.shape, values)
+    return gpu.types.GPUTexture((width, height), format=kind, data=data)
+
+
+def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
+    """Nearest and farthest depths (rows, columns, 2) of tiles, for tests; needs a GPU context.
+
+    Parameters
+    ----------
+    values : (height, width) of a depth buffer. line : see `eye.common_line`.
+    """
     height, width = values.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
-    found = np.empty((rows, columns, 2), np.float32)
-    for axis, best in ((0, np.minimum), (1, np.maximum)):
-        by_row = _by_tiles(values, rows, best)
-        by_tile = _by_tiles(by_row.T, columns, best).T
-        far = by_tile >= 1.0
-        found[..., axis] = np.where(far, _FAR, depths(line, np.where(far, 0.0, by_tile)))
-    return found
-
-
-def _by_tiles(values: np.ndarray, count: int, best) -> np.ndarray:
-    """Rows (count, N) of which each is the best of TILE rows, the last of as many as are left."""
-    whole = len(values) // TILE
-    found = np.empty((count, values.shape[1]), values.dtype)
-    parts = values[: whole * TILE].reshape(whole, TILE, values.shape[1])
-    best.reduce(parts, axis=1, out=found[:whole])
-    if whole < count:
-        best.reduce(values[whole * TILE :], axis=0, out=found[whole])
-    return found
+    direct = Direct()
+    direct.raw = _texture(np.ascontiguousarray(values, np.float32), "R32F")
+    direct.line = line
+    _, target = _target((columns, rows), "RGBA32F")
+    direct._fill(target, "tiles", (columns, rows))
+    with target.bind():
+        read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
+    return np.asarray(read).reshape(rows, columns, 4)[..., :2]
 
 
 class _Layer:
-    """Samples of a picture, added up, and how many each pixel has."""
+    """Samples of a picture, added up, and how many each pixel has.
+
+    Of a layer that has some pixels only, side by side, `listed` tells which pixel each is, and
+    `places` where each of the view's pixels is (-1: not here); else both are None.
+    """
 
     def __init__(self) -> None:
+        self.listed = self.places = None
         self.size = (0, 0)
         self.divisor = 1
         self.samples = 0
@@ -141,15 +162,16 @@ class _Layer:
     def clear(self, size: tuple[int, int], divisor: int) -> None:
         if self.size != size:
             self.size = size
-            self.colour, self.cover = (
-                gpu.types.GPUTexture(size, format="RGBA16F") for _ in range(2)
-            )
-            self.target = gpu.types.GPUFrameBuffer(color_slots=[self.colour, self.cover])
+            self.colour, self.cover, self.target = _target(size, "RGBA16F", "RGBA16F")
         self.divisor, self.samples = divisor, 0
+        self.listed = self.places = None
         with self.target.bind():
             self.target.clear(color=(0.0, 0.0, 0.0, 0.0))
 
 
+BLOCK, LISTED = 4, 1000
+"""Pixels a side of blocks, and width of a layer, of listed pixels: they are drawn side by side, so
+that none is drawn in vain."""
 LAYERS = 5
 """That a view has: one of what moves, and two pairs for pictures at rest, of their first sample and
 of further ones at edges; one pair is shown while the other is drawn."""
@@ -161,9 +183,14 @@ class Painter:
     def __init__(self) -> None:
         self.direct = Direct()
         self._layers = [_Layer() for _ in range(LAYERS)]
-        self._used: list[_Layer] = []
+        self._sum = _Layer()
+        self._marks: tuple | None = None
+        self._none = _texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
+        self._used: _Layer | None = None
         self._drawn = self._layers[0]
         self._blocks: list[tuple] = []
+        self._mesh = None
+        self._trees: tuple[Tree, ...] = ()
         self.view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
@@ -176,7 +203,6 @@ class Painter:
         view: Viewpoint,
         frame: Frame,
         glasses: list[Posed],
-        within: tuple[int, int],
         captures: list[tuple[np.ndarray, int]],
         scene_reach: float,
     ) -> None:
@@ -191,7 +217,11 @@ class Painter:
         )
         if not same:
             self._blocks = [(block, _uniform(block)) for block in blocks]
-        self.view_block = _uniform(pack_view(view, frame, within, captures, scene_reach))
+        trees = trees_of(glasses)
+        if trees != self._trees:
+            self._trees = trees
+            self._mesh = mesh_texture(trees) if trees else None
+        self.view_block = _uniform(pack_view(view, frame, captures, scene_reach))
         self._view = view
         middles = np.array([glass.middle() for glass in glasses])
         ahead = view.clip(middles)[:, 3] / frame.unit - depth_begin(view, frame)
@@ -221,14 +251,85 @@ class Painter:
         layer.clear((-(-width // divisor), -(-height // divisor)), divisor)
         self._drawn, self._strips = layer, []
 
+    def begin_edges(self, number: int, of: int) -> int:
+        """Start a layer anew that has the pixels at edges of another one, a whole first sample.
+
+        Returns
+        -------
+        int
+            How many they are.
+        """
+        first, layer = self._layers[of], self._layers[number]
+        width, height = first.size
+        if self._marks is None or (self._marks[0].width, self._marks[0].height) != first.size:
+            self._marks = _target(first.size, "R32F")
+        target = self._marks[1]
+        shader = _shader("edges")
+        with target.bind():
+            gpu.state.viewport_set(0, 0, width, height)
+            target.clear(color=(0.0, 0.0, 0.0, 0.0))
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("first_tx", first.colour)
+            for rect in self._rects:
+                shader.uniform_float("box", rect)
+                _quad().draw(shader)
+            marks = np.asarray(target.read_color(0, 0, width, height, 1, 0, "FLOAT"))
+        y, x = np.nonzero(marks.reshape(height, width) > 0.0)
+        count = len(x)
+        # Neighbours stay neighbours: drivers draw blocks of pixels at once.
+        order = np.argsort((y // BLOCK * width + x // BLOCK) * BLOCK**2, kind="stable")
+        x, y = x[order], y[order]
+        block, within = np.divmod(np.arange(count), BLOCK**2)
+        by_row = LISTED // BLOCK
+        column = block % by_row * BLOCK + within % BLOCK
+        row = block // by_row * BLOCK + within // BLOCK
+        rows = odd_size(int(row.max(initial=0)) + 1)
+        layer.clear((LISTED, rows), 1)
+        listed = np.full((rows, LISTED, 4), -1.0, np.float32)
+        listed[row, column, 0], listed[row, column, 1] = x, y
+        places = np.full((height, width), -1.0, np.float32)
+        places[y, x] = row * LISTED + column
+        layer.listed = _texture(listed, "RGBA32F")
+        layer.places = _texture(places, "R32F")
+        self._drawn, self._strips = layer, []
+        return count
+
     def use(self, *numbers: int) -> None:
-        """Show one layer from now on, or the sum of two."""
-        self._used = [self._layers[number] for number in numbers]
+        """Show one layer from now on, or its sum with one that has pixels at edges."""
+        self._used, *others = (self._layers[number] for number in numbers)
+        for other in others:
+            self._add(self._used, other)
+            self._used = self._sum
+
+    def _add(self, one: _Layer, other: _Layer) -> None:
+        """Fill the layer that holds sums: what is shown often is added up once."""
+        self._sum.clear(one.size, one.divisor)
+        shader = _shader("sum")
+        with self._sum.target.bind():
+            gpu.state.viewport_set(0, 0, *one.size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("color_tx", one.colour)
+            shader.uniform_sampler("cover_tx", one.cover)
+            shader.uniform_sampler("more_color_tx", other.colour)
+            shader.uniform_sampler("more_cover_tx", other.cover)
+            shader.uniform_sampler("place_tx", other.places)
+            for rect in self._rects:
+                shader.uniform_float("box", rect)
+                _quad().draw(shader)
 
     @property
     def divisor(self) -> int:
         """Pixels a side for a sample of what is shown; 0 before there is any."""
-        return self._used[0].divisor if self._used else 0
+        return self._used.divisor if self._used else 0
+
+    @property
+    def has_meshes(self) -> bool:
+        """Whether a glass is a mesh."""
+        return self._mesh is not None
 
     @property
     def grid(self) -> tuple[tuple[int, int], int]:
@@ -246,7 +347,6 @@ class Painter:
         way: Way,
         captures: tuple,
         pixels: int | None = None,
-        edges_of: int | None = None,
         disperses: bool = False,
         displaced=None,
     ) -> int:
@@ -255,7 +355,6 @@ class Painter:
         Parameters
         ----------
         captures : the textures of all captures, see `capture.Captures.textures`.
-        edges_of : number of the layer of which only the edges get a sample.
         disperses : follow red, green and blue light each on its own, if that differs.
         pixels : about how many to draw now; the next call goes on. None: all.
         displaced : `displaced.Displaced`, if it drew what is refracted only.
@@ -266,13 +365,16 @@ class Painter:
             About how many were drawn.
         """
         if not self._strips:
-            self._strips = list(self._rects)
+            self._strips = list(self._rects if self._drawn.listed is None else [WHOLE])
         if pixels is None:
             strips, self._strips = self._strips, []
         else:
             strips = [self._take(pixels)]
         layer = self._drawn
-        shader = _shader("picture") if displaced is None else displaced.shader
+        if displaced is not None:
+            shader = displaced.shader
+        else:
+            shader = _shader("picture_of_meshes" if self.has_meshes else "picture")
         with layer.target.bind():
             gpu.state.viewport_set(0, 0, *layer.size)
             gpu.state.depth_test_set("NONE")
@@ -280,15 +382,16 @@ class Painter:
             gpu.state.blend_set("ADDITIVE_PREMULT")
             shader.bind()
             shader.uniform_block("view", self.view_block)
+            if self.has_meshes:
+                shader.uniform_sampler("mesh_tx", self._mesh)
             shader.uniform_sampler("direct_tx", self.direct.colour)
             shader.uniform_sampler("depth_tx", self.direct.depth)
             shader.uniform_sampler("tile_tx", self.direct.tiles)
             shader.uniform_sampler("capture_tx", captures[0])
             shader.uniform_sampler("reach_tx", captures[1])
             shader.uniform_float("jitter", (*jitter, float(layer.divisor), 0.0))
-            first = self.direct.colour if edges_of is None else self._layers[edges_of].colour
-            shader.uniform_sampler("first_tx", first)
-            shader.uniform_int("only_edges", int(edges_of is not None))
+            shader.uniform_sampler("list_tx", self._none if layer.listed is None else layer.listed)
+            shader.uniform_int("is_listed", int(layer.listed is not None))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
             shader.uniform_int("splits", int(way.splits))
@@ -366,12 +469,8 @@ class Painter:
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("ADDITIVE_PREMULT" if part % 2 else "MULTIPLY")
         shader.bind()
-        one, other = self._used[0], self._used[-1]
-        shader.uniform_sampler("color_tx", one.colour)
-        shader.uniform_sampler("cover_tx", one.cover)
-        shader.uniform_sampler("more_color_tx", other.colour)
-        shader.uniform_sampler("more_cover_tx", other.cover)
-        shader.uniform_int("more", int(other is not one))
+        shader.uniform_sampler("color_tx", self._used.colour)
+        shader.uniform_sampler("cover_tx", self._used.cover)
         shader.uniform_sampler("direct_tx", self.direct.colour)
         shader.uniform_sampler("raw_tx", self.direct.raw)
         shader.uniform_sampler("depth_tx", self.direct.depth)
@@ -427,12 +526,30 @@ def _overlap(a, b) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
-def exit_rays(block: np.ndarray, origins: np.ndarray, directions: np.ndarray, least: float, ways):
+def mesh_texture(trees: Sequence[Tree]):
+    """The texels of trees, one after the other, as a texture."""
+    width = 1 << ROW_BITS
+    count = sum(len(tree.texels) for tree in trees)
+    rows = odd_size(-(-count // width))
+    filled = np.zeros((rows * width, 4), np.float32)
+    np.concatenate([tree.texels for tree in trees], out=filled[:count])
+    return _texture(filled.reshape(rows, width, 4), "RGBA32F")
+
+
+def exit_rays(
+    block: np.ndarray,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    least: float,
+    ways: int,
+    trees: Sequence[Tree] = (),
+):
     """Exit rays as the shader finds them, for tests; needs a GPU context.
 
     Parameters
     ----------
-    block : see `description.pack`. origins, directions : (rows, columns, 3), common frame.
+    block, trees : see `description.pack` and `description.trees_of`.
+    origins, directions : (rows, columns, 3), common frame.
     ways : how many to return of each ray.
 
     Returns
@@ -446,11 +563,11 @@ def exit_rays(block: np.ndarray, origins: np.ndarray, directions: np.ndarray, le
     for values in (origins, directions):
         filled = np.ones((rows, columns, 4), np.float32)
         filled[..., :3] = values
-        data = gpu.types.Buffer("FLOAT", filled.shape, filled)
-        inputs.append(gpu.types.GPUTexture(size, format="RGBA32F", data=data))
+        inputs.append(_texture(filled, "RGBA32F"))
     outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2)]
     target = gpu.types.GPUFrameBuffer(color_slots=outputs)
-    shader, glasses = _shader("exits"), _uniform(block)
+    shader, glasses = _shader("exits_of_meshes" if trees else "exits"), _uniform(block)
+    mesh = mesh_texture(trees) if trees else None
     found = np.zeros((2, ways, rows, columns, 4), np.float32)
     for wanted in range(ways):
         with target.bind():
@@ -461,6 +578,8 @@ def exit_rays(block: np.ndarray, origins: np.ndarray, directions: np.ndarray, le
             shader.uniform_block("glasses", glasses)
             shader.uniform_sampler("origin_tx", inputs[0])
             shader.uniform_sampler("along_tx", inputs[1])
+            if mesh is not None:
+                shader.uniform_sampler("mesh_tx", mesh)
             shader.uniform_float("least", least)
             shader.uniform_int("most", ways)
             shader.uniform_int("wanted", wanted)
@@ -490,9 +609,13 @@ def _quad():
 def _shader(name: str):
     """The compiled shader of that name."""
     if name not in _shaders:
-        _shaders[name] = compiled(**DESCRIPTIONS[name])
+        plain = name.removesuffix(OF_MESHES)
+        _shaders[name] = compiled(**DESCRIPTIONS[plain], meshes=plain != name)
     return _shaders[name]
 
+
+OF_MESHES = "_of_meshes"
+"""Ends the name of a shader that knows glasses that are meshes: others are quicker without."""
 
 DESCRIPTIONS = {
     "picture": {
@@ -504,9 +627,9 @@ DESCRIPTIONS = {
             ("INT", "most"),
             ("INT", "splits"),
             ("INT", "has_depth"),
-            ("INT", "only_edges"),
+            ("INT", "is_listed"),
         ],
-        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx", "first_tx"],
+        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx", "list_tx"],
         "glasses": True,
         "view": True,
         "outputs": ["color", "cover"],
@@ -519,20 +642,17 @@ DESCRIPTIONS = {
             ("INT", "part"),
             ("VEC4", "line"),
             ("VEC2", "lines_at"),
-            ("INT", "more"),
             ("FLOAT", "divisor"),
         ],
-        "samplers": [
-            "color_tx",
-            "cover_tx",
-            "more_color_tx",
-            "more_cover_tx",
-            "direct_tx",
-            "raw_tx",
-            "depth_tx",
-        ],
+        "samplers": ["color_tx", "cover_tx", "direct_tx", "raw_tx", "depth_tx"],
         "outputs": ["frag"],
         "fragment": glsl.RESULT,
+    },
+    "sum": {
+        "constants": [("VEC4", "box")],
+        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx", "place_tx"],
+        "outputs": ["color", "cover"],
+        "fragment": glsl.SUM,
     },
     "exits": {
         "constants": [("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
@@ -541,11 +661,23 @@ DESCRIPTIONS = {
         "outputs": ["place", "along"],
         "fragment": glsl.EXITS,
     },
+    "edges": {
+        "constants": [("VEC4", "box")],
+        "samplers": ["first_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.EDGES,
+    },
     "depth": {
         "constants": [("VEC4", "box"), ("VEC4", "line")],
         "samplers": ["raw_tx"],
         "outputs": ["frag"],
         "fragment": glsl.DEPTH,
+    },
+    "tiles": {
+        "constants": [("VEC4", "box"), ("VEC4", "line")],
+        "samplers": ["raw_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.TILES,
     },
     "face": {
         "constants": [
@@ -560,7 +692,9 @@ DESCRIPTIONS = {
 }
 
 
-def compiled(*, constants, samplers, outputs, fragment: str, glasses=False, view=False):
+def compiled(
+    *, constants, samplers, outputs, fragment: str, glasses=False, view=False, meshes=False
+):
     """A shader that draws quads: ``box`` is (x0, y0, x1, y1) of what it covers, -1 to 1."""
     info = gpu.types.GPUShaderCreateInfo()
     info.vertex_in(0, "VEC2", "corner")
@@ -572,6 +706,9 @@ def compiled(*, constants, samplers, outputs, fragment: str, glasses=False, view
         info.uniform_buf(0, "Glasses", "glasses")
     if view:
         info.uniform_buf(1, "View", "view")
+    if meshes:
+        samplers = [*samplers, "mesh_tx"]
+        fragment = f"#define MESHES\n{fragment}"
     for slot, name in enumerate(samplers):
         info.sampler(slot, "FLOAT_2D", name)
     for slot, name in enumerate(outputs):

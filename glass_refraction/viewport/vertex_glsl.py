@@ -362,18 +362,17 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   leave_by_ray(p, d, light, g, number);
 }
 
-bool stopped(vec3 p, vec3 d, vec4 light, int g, int m, bool outside, bool same, float way,
-             int number)
+bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {
   ivec4 known = drawn_of(g);
-  if (known.z >= 0 && course > 0 && course == known.y && same) {
+  if (known.z >= 0 && course > 0 && course == known.y && boxed) {
     vec4 shown = drawn_at(known.z);
     if (shown.a == HELD) {
       add(vec4(shown.rgb, 1.0), light);
     }
     return shown.a == HELD;
   }
-  return stopped_by_ray(p, d, light, g, m, outside, same, way, number);
+  return stopped_by_ray(p, d, light, g, taken, boxed, way, number);
 }
 """
     + glsl.MAIN

@@ -10,6 +10,7 @@ next.
 
 from __future__ import annotations
 
+import math
 import time
 import traceback
 from collections import Counter
@@ -20,9 +21,9 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..scene.changes import generation
-from ..scene.names import own
-from ..scene.read.glasses import glass_modifier, glass_objects
+from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
+from . import news
 from .eye import view_eye
 from .jobs import is_compiling, is_rendering
 from .model import Model
@@ -45,18 +46,22 @@ REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
 PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
-SAMPLES = 6
-"""A pixel at rest."""
-WAYS, WAYS_MOVING = 12, 5
-"""Ways of a ray that are followed to their end, at rest and while something moves."""
+SAMPLES = 5
+"""A pixel at an edge, at rest."""
+WAYS, WAYS_MORE, WAYS_MOVING = 12, 6, 5
+"""Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
+while something moves."""
 SHARE_OF_REDRAW = 0.8
 """A moving picture may take this part of the time that the view's redraw takes without it."""
 MOST_PIXELS = 6
 """A side, of which a moving picture has one sample at least."""
 LEAST_PIXELS = 2000
 """Of a slice of a sample: fewer tell nothing of the speed."""
+STRIP_PIXELS = 6000
+"""Of a strip at most, unless all strips of the last sample were quick: some take much longer than
+those before."""
 MOST_GROWTH = 4.0
-"""Of a slice over the one before: strips of a picture differ."""
+"""Of a strip over the one before."""
 LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
@@ -85,6 +90,8 @@ class _View:
         self.eye = None
         self.turned = b""
         self.changed = 0.0
+        self.refined = 0.0
+        """When the view was last drawn otherwise than before, by its engine or for a change."""
         self.began = 0.0
         self.final = self.waits = False
         """All samples are there; a redraw is due before more can be added."""
@@ -94,6 +101,9 @@ class _View:
         self.spent = (0, 0.0)
         """Pixels and seconds of the sample that is being drawn."""
         self.strip_speed = 0.0
+        self.slower, self.slowest = math.inf, [0.0, 0.0]
+        """Least samples a second of a strip, of this sample and of the last whole one; of the
+        latter for all pixels and for those at edges."""
         self.speed = 0.0
         """Samples a second, as measured."""
         self.plain_seconds = 0.1
@@ -103,6 +113,8 @@ class _View:
         """What the view is working on; empty if on nothing."""
         if self.failure:
             return self.failure
+        if self.model.meshes.waits:
+            return self.model.meshes.line
         if self.captures is None or self.final or not self.model.glasses:
             return ""
         done, total = self.captures.total - self.captures.left, self.captures.total
@@ -111,16 +123,6 @@ class _View:
         return ""
 
 
-_SHOWING = (
-    bpy.types.Material,
-    bpy.types.World,
-    bpy.types.Light,
-    bpy.types.Image,
-    bpy.types.Texture,
-)
-"""Data-blocks whose change may be seen though nothing moves."""
-_news: Counter[int] = Counter()
-"""By a scene's session uid: grows when something changed that may be seen."""
 _shown: set[int] = set()
 _views: dict[int, _View] = {}
 _handles: list = []
@@ -179,6 +181,7 @@ def at_rest() -> bool:
 
 def doubt() -> None:
     """Data-blocks may have been replaced (undo, redo): everything is read anew."""
+    news.forget()
     for view in _views.values():
         view.model.key = view.stamp = ()
         view.displaced = None
@@ -284,17 +287,22 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if (view.displaced is not None) != displaces:
         view.displaced = Displaced() if displaces else None
         model.key = ()
+    told = news.news(scene)
     if model.key != key:
-        model.read(layer, space)
+        if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
+            view.problems = model.problems + _unmarked(layer, True)
         if displaces:
             view.displaced.arrange(layer, space, model.glasses)
         model.key = key
-        view.problems = model.problems + _unmarked(layer, True)
     # Much is evaluated anew of which nothing can be seen.
-    seen = (_news[scene.session_uid], model.signature())
+    seen = (told.seen, model.signature())
     if view.stamp[:2] != (seen, looks) and model.glasses:
         captures.arrange(model.glasses, looks, model.boxes)
+    if model.meshes.waits:
+        view.final = False
+        _ask_for_rest()
     if not model.glasses:
+        view.waits = False
         return
     turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
     if turned != view.turned:
@@ -313,18 +321,18 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         moved = stamp[:-1] != view.stamp[:-1]
         view.stamp = stamp
         view.final = False
+        view.refined = time.perf_counter()
         if moved:
-            view.changed = time.perf_counter()
-        if moved:
+            view.changed = view.refined
             _describe(view, eye)
             painter.begin(_divisor(view), MOVING_LAYER)
-            view.spent = (0, 0.0)
+            view.spent, view.slower = (0, 0.0), math.inf
             _sample(view, settings, WAYS_MOVING)
             painter.use(MOVING_LAYER)
         # Else the engine only refines what it shows: what is there stays until better is done.
         view.stage = MOVING
         _ask_for_rest()
-    selected = any(obj.select_get(view_layer=layer) for obj in glass_objects(layer))
+    selected = any(obj.session_uid in model.shown for obj in layer.objects.selected)
     painter.show(view.framebuffer, _backdrop(context), lines=selected)
     python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
@@ -341,7 +349,6 @@ def _describe(view: _View, eye) -> None:
         eye,
         model.frame,
         model.glasses,
-        model.within,
         view.captures.listed(),
         model.scene_reach(),
     )
@@ -361,16 +368,19 @@ def _divisor(view: _View) -> int:
 
 
 def _sample(
-    view: _View, settings, ways: int, seconds: float | None = None, edges_of: int | None = None
+    view: _View, settings, ways: int, seconds: float | None = None, edges: bool = False
 ) -> None:
     """One more sample a pixel, or as much of it as these seconds allow; how fast is measured."""
     from .paint import Way
 
     painter = view.painter
     way = Way(settings.min_weight, ways, settings.surface == "GLASS")
-    number = painter.samples if edges_of is None else painter.samples + 1
+    number = painter.samples + edges
     jitter = _jitter(number) if number else (0.0, 0.0)
-    pixels = None if seconds is None else int(max(LEAST_PIXELS, seconds * view.strip_speed))
+    pixels = None
+    if seconds is not None:
+        most = max(STRIP_PIXELS, seconds * view.slowest[edges])
+        pixels = int(max(LEAST_PIXELS, min(seconds * view.strip_speed, most)))
     displaced = _draw_displaced(view, jitter)
     began, mine = time.perf_counter(), time.thread_time()
     drawn = painter.sample(
@@ -378,7 +388,6 @@ def _sample(
         way,
         view.captures.textures,
         pixels,
-        edges_of,
         disperses=seconds is not None,
         displaced=displaced,
     )
@@ -386,20 +395,23 @@ def _sample(
     spent = max(time.perf_counter() - began, LEAST_SECONDS)
     view.gpu_seconds += time.thread_time() - mine
     view.strip_speed = min(drawn / spent, MOST_GROWTH * view.strip_speed)
+    view.slower = min(view.slower, drawn / spent)
     view.spent = (view.spent[0] + drawn, view.spent[1] + spent)
     if painter.is_whole:
         counters["traces"] += 1
         drawn, spent = view.spent
         view.spent = (0, 0.0)
+        view.slowest[edges], view.slower = view.slower, math.inf
         # Of a whole sample: strips differ, and samples of edges alone tell nothing.
-        if edges_of is None:
+        if not edges:
             view.speed = drawn / spent
 
 
 def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | None:
     """Draw displaced things for a sample; None where there are none, or not yet."""
     displaced = view.displaced
-    if displaced is None or not displaced.can_draw:
+    # Beside a glass that is a mesh rays show all glasses.
+    if displaced is None or not displaced.can_draw or view.painter.has_meshes:
         return None
     mine = time.thread_time()
     displaced.draw(view.painter, jitter, view.captures.textures)
@@ -493,9 +505,8 @@ def _backdrop(context: bpy.types.Context) -> tuple[float, float, float, float]:
 
 
 def _ask_for_rest() -> None:
-    if bpy.app.timers.is_registered(_rest):
-        bpy.app.timers.unregister(_rest)
-    bpy.app.timers.register(_rest, first_interval=REST_SECONDS)
+    if not bpy.app.timers.is_registered(_rest):
+        bpy.app.timers.register(_rest, first_interval=REST_SECONDS)
 
 
 def _rest() -> float | None:
@@ -507,13 +518,16 @@ def _rest() -> float | None:
         view = _views.get(region.as_pointer())
         if view is None or view.painter is None or view.final or view.failure:
             continue
-        if not view.model.glasses or space.as_pointer() not in _shown:
+        waits = view.model.meshes.waits
+        if not (view.model.glasses or waits) or space.as_pointer() not in _shown:
             continue
         quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
         if window.screen.is_animation_playing and not quick:
             wait = PLAYING_SECONDS if wait is None else min(wait, PLAYING_SECONDS)
             continue
-        left = view.changed + REST_SECONDS - time.perf_counter()
+        # Captures do not wait for the engine to refine what it shows, samples do.
+        since = view.changed if view.captures.left or waits else view.refined
+        left = since + REST_SECONDS - time.perf_counter()
         if left > 0.0 and not quick:
             wait = left if wait is None else min(wait, left)
             continue
@@ -538,6 +552,13 @@ def _work(view: _View, window, space, region) -> None:
         if not view.displaced.things.has_work:
             view.waits = True
             region.tag_redraw()
+        return
+    if view.model.meshes.waits:
+        if view.model.meshes.grow(SLICE_SECONDS):
+            # A redraw reads the glasses anew.
+            view.model.key = ()
+            view.waits = True
+        region.tag_redraw()
         return
     if captures.left:
         if view.model.key[:2] != (scene.session_uid, generation(scene)):
@@ -571,11 +592,11 @@ def _work(view: _View, window, space, region) -> None:
             _sample(view, settings, WAYS, SLICE_SECONDS)
             if painter.is_whole:
                 painter.use(view.layers[0])
-                painter.begin(1, view.layers[1])
+                painter.begin_edges(view.layers[1], view.layers[0])
                 view.stage = MORE
                 region.tag_redraw()
         else:
-            _sample(view, settings, WAYS, SLICE_SECONDS, view.layers[0])
+            _sample(view, settings, WAYS_MORE, SLICE_SECONDS, edges=True)
             if painter.is_whole and painter.samples >= SAMPLES - 1:
                 painter.use(*view.layers)
                 view.final = True
@@ -618,24 +639,21 @@ def _soon(function) -> None:
         bpy.app.timers.register(function, first_interval=0.0)
 
 
-@persistent
-def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Count what may be seen: what moves, and looks that are edited.
-
-    What the extension makes for renders comes and goes in one update with everything that shares
-    data with it; nothing of that may be seen.
-    """
+def _note(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, new_frame: bool) -> None:
     from .things import note_changes
 
     note_changes(depsgraph)
-    updates = [(update, own(update.id)) for update in depsgraph.updates]
-    echo = any(mine for _, mine in updates)
-    for update, mine in updates:
-        moved = update.is_updated_transform or update.is_updated_geometry
-        showing = isinstance(update.id, _SHOWING) and not echo
-        if (showing or (moved and isinstance(update.id, bpy.types.Object))) and not mine:
-            _news[scene.original.session_uid] += 1
-            return
+    news.note(scene, depsgraph, new_frame=new_frame)
+
+
+@persistent
+def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    _note(scene, depsgraph, new_frame=False)
+
+
+@persistent
+def _on_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    _note(scene, depsgraph, new_frame=True)
 
 
 @persistent
@@ -668,7 +686,7 @@ def _on_save_post(*_) -> None:
 _ALWAYS = (("undo_post", _on_undo), ("redo_post", _on_undo), ("load_post", _on_load))
 _WHILE_SHOWN = (
     ("depsgraph_update_post", _on_update),
-    ("frame_change_post", _on_update),
+    ("frame_change_post", _on_frame),
     ("save_pre", _on_save_pre),
     ("save_post", _on_save_post),
     ("save_post_fail", _on_save_post),

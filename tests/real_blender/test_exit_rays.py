@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The live view's shader follows rays as ``optics.exit_rays`` does, 100,000 of each shape."""
+"""The live view's shader follows rays as ``optics.exit_rays`` does, many of each shape."""
 
 import pytest
 
@@ -24,6 +24,9 @@ OFF_SHORT = {"lens": 5e-3}
 chords miss some."""
 
 
+MESHES = ("smooth", "faceted", "overlap", "inside", "small")
+
+
 @pytest.fixture(scope="module")
 def found(installed):
     installed.script("no_splash")
@@ -42,3 +45,19 @@ def test_exit_rays_are_those_of_optics(found, shape):
     assert result["weight_off"] < 1e-3
     assert result["shift_off"] < 1e-3
     assert result["ways_of_shader"] <= 1.01 * result["ways"]
+
+
+@pytest.mark.parametrize("scene", MESHES)
+def test_exit_rays_of_meshes_are_those_of_optics(found, scene):
+    result = found[scene]
+    assert result["rays"] > 5_000
+    assert result["ways"] > 20_000
+    assert result["median"] < 1e-5
+    assert result["off_short"] < 1e-2
+    assert result["light_off"] < 1e-2
+    assert result["weight_off"] < 2e-3
+    assert result["ways_of_shader"] <= 1.02 * result["ways"]
+
+
+def test_tiles_hold_the_nearest_and_farthest_of_their_pixels(found):
+    assert found["tiles"] < 1e-6

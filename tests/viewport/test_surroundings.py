@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What surrounds the shader: its rays' block, the faces of captures, tiles, rectangles."""
+"""What surrounds the shader: its rays' block, the faces of captures, rectangles."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_rays_and_depths_of_the_block_are_the_views(window, is_perspective):
     matrix[:3, 3] = (-0.1, -0.2, -1.3)
     view = view_eye(SIZE, matrix, window, is_perspective)
     frame = common_frame([glass()])
-    block = pack_view(view, frame, (-1, 0), [], 2.0).astype(float)
+    block = pack_view(view, frame, [], 2.0).astype(float)
     pixels = np.array([(10.5, 20.5), (320.0, 200.0), (600.5, 380.5)])
     origins, directions = view.rays(*pixels.T)
     plane, right, up, eye = block[6, :3], block[7, :3], block[8, :3], block[9]
@@ -69,19 +69,7 @@ def test_a_capture_stands_in_the_glass_and_out_of_the_way_of_things():
     assert np.all(np.abs(found - middle) <= 0.05)
     # A place that is as good as any stays.
     assert capture.centre_of(one, [box], found) == pytest.approx(found)
-    assert box.corners() == pytest.approx(
-        middle + 0.02 * np.sign(box.corners() - middle), abs=1e-12
-    )
-
-
-@pytest.mark.parametrize("shape", [(64, 80), (61, 83), (5, 3)])
-def test_tiles_hold_the_nearest_and_farthest_of_their_pixels(shape):
-    values = np.random.default_rng(0).uniform(0.0, 0.99, shape).astype(np.float32)
-    tiles = paint._tiles(values, (0.0, 1.0, 1.0, 0.0))
-    for row in range(tiles.shape[0]):
-        for column in range(tiles.shape[1]):
-            part = values[8 * row : 8 * row + 8, 8 * column : 8 * column + 8]
-            assert tiles[row, column] == pytest.approx((part.min(), part.max()))
+    assert box.corners == pytest.approx(middle + 0.02 * np.sign(box.corners - middle), abs=1e-12)
 
 
 def test_rectangles_that_meet_become_one_and_cover_the_same():

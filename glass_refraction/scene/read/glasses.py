@@ -14,7 +14,7 @@ from ... import optics
 from ...optics.axial import AxialGlass
 from ..names import RefractiveGlassError, own
 from .animation import may_change
-from .mesh_glasses import MeshGlass, interface_of, mesh_glass
+from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass
 from .modifier_inputs import data_path, has_input, read_input
 from .visibility import rendered_objects
 
@@ -353,12 +353,45 @@ def _read_mesh(
     known,
 ) -> Glass:
     """A glass that is a mesh; arguments as of `read_glass`."""
+
+    def shape(interface: Interface) -> MeshGlass:
+        return mesh_glass(evaluated.data, to_world, interface, known)
+
+    return _mesh_of(evaluated, depsgraph, modifier, to_world, shape)
+
+
+def read_mesh_interface(
+    evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> tuple[Glass, np.ndarray]:
+    """An (evaluated) glass that is a mesh, without its triangles, and its world matrix (4, 4).
+
+    Raises
+    ------
+    RefractiveGlassError
+    """
+    to_world = np.array(evaluated.matrix_world, float)
+    nothing = np.zeros((0, 3, 3))
+
+    def shape(interface: Interface) -> MeshGlass:
+        return MeshGlass(nothing, nothing, **vars(interface))
+
+    modifier = glass_modifier(evaluated)
+    return _mesh_of(evaluated, depsgraph, modifier, to_world, shape), to_world
+
+
+def _mesh_of(
+    evaluated: bpy.types.Object,
+    depsgraph: bpy.types.Depsgraph,
+    modifier,
+    to_world: np.ndarray,
+    shape,
+) -> Glass:
+    """A glass that is a mesh; ``shape`` makes its description of an interface."""
     name = evaluated.name
     _check_place(to_world, name)
     ior = float(read_input(modifier, "IOR"))
     try:
-        interface = interface_of(evaluated, depsgraph, ior)
-        description = mesh_glass(evaluated.data, to_world, interface, known)
+        description = shape(interface_of(evaluated, depsgraph, ior))
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
         absorption = _absorption(modifier, description, scale)

@@ -12,10 +12,13 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils.bvhtree import BVHTree
 
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 ROWS, COLUMNS = 250, 400
+MESH_ROWS = 60
+"""As many of them through meshes: there the reference is slow."""
 LEAST = 0.01
 WAYS = 24
 
@@ -68,23 +71,130 @@ def random_rays(body, count, seed):
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
+def ball(rings, sides, radius=1.0):
+    """Triangles (T, 3, 3) of a ball of radius 1, or a part of its size, and its normals."""
+    up = np.linspace(0.0, np.pi, rings + 1)[:, None]
+    round_ = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[None]
+    grid = np.stack(
+        np.broadcast_arrays(np.sin(up) * np.cos(round_), np.sin(up) * np.sin(round_), np.cos(up)),
+        axis=-1,
+    )
+    beside = np.roll(grid, -1, axis=1)
+    a, b, c, d = grid[:-1], grid[1:], beside[1:], beside[:-1]
+    upper = np.stack((a, b, c), axis=2)[1:].reshape(-1, 3, 3)
+    lower = np.stack((a, c, d), axis=2)[:-1].reshape(-1, 3, 3)
+    normals = np.concatenate((upper, np.stack((a, b, c), axis=2)[:1].reshape(-1, 3, 3)))
+    normals = np.concatenate((normals, lower))
+    first = np.stack((a, b, c), axis=2)[:1].reshape(-1, 3, 3)
+    first[:, 0] = (0.0, 0.0, 1.0)
+    return radius * np.concatenate((upper, first, lower)), normals
+
+
+def flat(points):
+    """A mesh's triangles with the normals of its faces."""
+    across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-30)
+    return points, np.repeat(across[:, None], 3, axis=1)
+
+
+def meshes(optics):
+    """Name: list of (points, normals, ior, priority) or (closed form, priority), in metres."""
+    round_, normals = ball(24, 48)
+    tall = round_ * (0.02, 0.02, 0.05)
+    squeezed = normals / (0.02, 0.02, 0.05)
+    squeezed /= np.linalg.norm(squeezed, axis=2, keepdims=True)
+    solid = flat(ball(3, 5, 0.04)[0])
+    return {
+        "smooth": [(0.04 * round_, normals, 1.5, 0)],
+        "faceted": [(*solid, 1.6, 0)],
+        "overlap": [(0.04 * round_, normals, 1.5, 0), (tall, squeezed, 1.333, 1)],
+        "inside": [(tall, squeezed, 1.333, 1), (optics.SphereGlass((0.06,), (1.5,)), 0)],
+        "small": [(0.04 * round_, normals, 1.333, 0), (optics.SphereGlass((0.01,), (1.5,)), 1)],
+    }
+
+
+def meeting(parts):
+    """The callback ``meet`` of ``optics.exit_rays`` for meshes (number, points, normals)."""
+    trees = [
+        BVHTree.FromPolygons(
+            points.reshape(-1, 3).tolist(), np.arange(3 * len(points)).reshape(-1, 3).tolist()
+        )
+        for _, points, _ in parts
+    ]
+
+    def meet(origins, directions):
+        shape = (len(parts), len(origins))
+        glass, way = np.full(shape, -1), np.full(shape, np.inf)
+        true, smooth = np.zeros((2, *shape, 3))
+        for row, ((number, points, normals), tree) in enumerate(zip(parts, trees, strict=True)):
+            for k, (origin, along) in enumerate(zip(origins, directions, strict=True)):
+                _, _, face, _ = tree.ray_cast(origin, along)
+                if face is None:
+                    continue
+                # More exactly than the tree's single precision.
+                p, one, two = points[face, 0], *(points[face, 1:] - points[face, 0])
+                try:
+                    u, v, t = np.linalg.solve(np.stack((one, two, -along), axis=1), origin - p)
+                except np.linalg.LinAlgError:
+                    continue
+                glass[row, k], way[row, k] = number, t
+                true[row, k] = np.cross(one, two)
+                smooth[row, k] = np.array((1.0 - u - v, u, v)) @ normals[face]
+        return glass, way, true, smooth
+
+    return meet
+
+
+def compare_meshes(optics, description, trees, paint, scene, seed):
+    """As `compare`, of some glasses of which meshes are."""
+    posed, placed, parts = [], [], []
+    for number, one in enumerate(scene):
+        if len(one) == 2:
+            body = optics.body(one[0])
+            posed.append(description.Posed(body, np.eye(4), priority=one[1]))
+            placed.append(optics.PlacedGlass(body, np.eye(4), priority=one[1]))
+            continue
+        points, normals, ior, priority = one
+        form = trees.shaped(points, normals, np.eye(3))
+        *_, tree = trees.grow(form.points, form.normals)
+        pose = np.eye(4)
+        pose[:3, 3] = form.middle
+        body = trees.MeshBody(tree, ior, form.scale, form.half)
+        posed.append(description.Posed(body, pose, priority=priority))
+        placed.append(optics.PlacedMesh(ior, priority=priority))
+        parts.append((number, points, normals))
+    return differences(
+        optics, description, paint, posed, placed, seed, rows=MESH_ROWS, meet=meeting(parts)
+    )
+
+
 def compare(optics, description, paint, glass, seed):
     """Shares of all light in ways that agree, and how exactly."""
     body = optics.body(glass)
-    posed = description.Posed(body, np.eye(4))
-    frame = description.common_frame([posed])
-    block = description.pack([posed], frame)
-    origins, directions = random_rays(body, ROWS * COLUMNS, seed)
-    outside = body.medium_at(origins) == 0
-    shape = (ROWS, COLUMNS, 3)
+    posed = [description.Posed(body, np.eye(4))]
+    placed = [optics.PlacedGlass(body, np.eye(4))]
+    return differences(optics, description, paint, posed, placed, seed)
+
+
+def differences(optics, description, paint, posed, placed, seed, rows=ROWS, meet=None):
+    frame = description.common_frame(posed)
+    block = description.pack(posed, frame)
+    largest = max((glass.body for glass in posed), key=lambda body: body.scale)
+    origins, directions = random_rays(largest, rows * COLUMNS, seed)
+    outside = largest.medium_at(origins) == 0
+    shape = (rows, COLUMNS, 3)
     began = time.perf_counter()
     places, alongs = paint.exit_rays(
-        block, frame.place(origins).reshape(shape), directions.reshape(shape), LEAST, WAYS
+        block,
+        frame.place(origins).reshape(shape),
+        directions.reshape(shape),
+        LEAST,
+        WAYS,
+        description.trees_of(posed),
     )
     seconds = time.perf_counter() - began
     places, alongs = (v.reshape(WAYS, -1, 4).astype(float) for v in (places, alongs))
-    placed = optics.PlacedGlass(body, np.eye(4))
-    ends = optics.exit_rays([placed], origins, directions, min_weight=LEAST)
+    ends = optics.exit_rays(placed, origins, directions, min_weight=LEAST, meet=meet)
     met = (ends.events > 0) & outside[ends.ray]
     ray, weight, events = ends.ray[met], ends.weight[met], ends.events[met]
     origin, direction = ends.origin[met], ends.direction[met]
@@ -94,10 +204,10 @@ def compare(optics, description, paint, glass, seed):
     missing = places[:, ray, 3] == 0.0
     apart = np.where(missing, 9.0, off + change)
     best = apart.argmin(axis=0)
-    rows = np.arange(len(ray))
-    angle = np.where(apart[best, rows] < 9.0, off[best, rows], 9.0)
+    each = np.arange(len(ray))
+    angle = np.where(apart[best, each] < 9.0, off[best, each], 9.0)
     shift = origin - (frame.origin + frame.unit * places[best, ray, :3])
-    across = np.linalg.norm(np.cross(shift, direction), axis=1) / body.scale
+    across = np.linalg.norm(np.cross(shift, direction), axis=1) / largest.scale
     return {
         "rays": len(np.unique(ray)),
         "ways": len(ray),
@@ -106,10 +216,22 @@ def compare(optics, description, paint, glass, seed):
         "off_short": float((angle > 1e-4)[events < CHAOTIC].mean()),
         "light_off": float(weight[angle > 1e-4].sum() / weight.sum()),
         "median": float(np.median(angle)),
-        "weight_off": float((change[best, rows] > 1e-3)[angle <= 1e-4].mean()),
+        "weight_off": float((change[best, each] > 1e-3)[angle <= 1e-4].mean()),
         "shift_off": float((across > 1e-4)[angle <= 1e-4].mean()),
         "seconds": seconds,
     }
+
+
+def compare_tiles(paint):
+    """By how much nearest and farthest depths of tiles are off."""
+    worst = 0.0
+    for height, width in ((64, 80), (61, 83), (5, 3)):
+        values = np.random.default_rng(height).uniform(0.0, 0.99, (height, width))
+        tiles = paint.tiles_of(values, (0.0, 1.0, 1.0, 0.0))
+        for row, column in np.ndindex(tiles.shape[:2]):
+            part = values[8 * row : 8 * row + 8, 8 * column : 8 * column + 8]
+            worst = max(worst, np.abs(tiles[row, column] - (part.min(), part.max())).max())
+    return float(worst)
 
 
 def run():
@@ -119,8 +241,13 @@ def run():
         optics = __import__("importlib").import_module(f"{root.__name__}.optics")
         description = __import__("importlib").import_module(f"{root.__name__}.viewport.description")
         paint = __import__("importlib").import_module(f"{root.__name__}.viewport.paint")
+        trees = __import__("importlib").import_module(f"{root.__name__}.viewport.trees")
+        result["tiles"] = compare_tiles(paint)
         for seed, (name, glass) in enumerate(shapes(optics).items()):
             result[name] = compare(optics, description, paint, glass, seed)
+            print("exit_rays:", name, json.dumps(result[name]), flush=True)
+        for seed, (name, scene) in enumerate(meshes(optics).items()):
+            result[name] = compare_meshes(optics, description, trees, paint, scene, seed)
             print("exit_rays:", name, json.dumps(result[name]), flush=True)
         (FOLDER / "result.json").write_text(json.dumps(result))
     except Exception:

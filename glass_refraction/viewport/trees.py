@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glasses that are meshes, as the live view's shader reads them: triangles in a tree of boxes.
+
+The tree is balanced: at each level every node's triangles are halved across its longest side. So a
+node's place tells those of its children, and the shader walks it without a stack: children of node
+n are 2 n and 2 n + 1, the root is 1, and the leaves are the last level. It needs neither Blender
+nor a GPU.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..optics.axial import BoundedGlass, Interface
+
+LEAF = 2
+"""Triangles of a leaf, at most."""
+NODE_TEXELS = 3
+"""Four floats each: the lower and upper corners of both children's boxes."""
+TRIANGLE_TEXELS = 6
+"""Of a triangle: a corner and the edges from it to the others; the normals of the corners."""
+ROW_BITS = 12
+"""The texture is 2 to this power texels wide."""
+MOST_TRIANGLES = 300_000
+"""Of one glass: more of them take too long to be sorted between two events."""
+MARGIN = 2e-6
+"""By how much boxes are wider than what they hold, in units of the glass: rounding."""
+
+
+class Tree:
+    """The triangles of a mesh, sorted.
+
+    Attributes
+    ----------
+    order : (T,) numbers of the triangles, leaf by leaf. leaves : how many, a power of two.
+    texels : (K, 4) float32: what the shader reads, nodes first. triangles : its row where they
+        begin.
+    """
+
+    def __init__(self, points: np.ndarray, normals: np.ndarray, order: np.ndarray) -> None:
+        self.order = order
+        self.leaves = leaves_of(len(order))
+        self.triangles = NODE_TEXELS * self.leaves
+        rows = self.triangles + TRIANGLE_TEXELS * LEAF * self.leaves
+        self.texels = np.zeros((rows, 4), np.float32)
+        self._write(points, normals)
+
+    def refitted(self, points: np.ndarray, normals: np.ndarray) -> Tree:
+        """The tree of as many triangles (T, 3, 3) in other places, in the same order."""
+        return Tree(points, normals, self.order)
+
+    def _write(self, points: np.ndarray, normals: np.ndarray) -> None:
+        bounds = bounds_of(len(self.order), self.leaves)
+        points, normals = points[self.order], normals[self.order]
+        leaf = np.repeat(np.arange(self.leaves), np.diff(bounds))
+        slot = LEAF * leaf + np.arange(len(self.order)) - bounds[leaf]
+        triangles = self.texels[self.triangles :].reshape(-1, TRIANGLE_TEXELS, 4)
+        triangles[slot, 0, :3] = points[:, 0]
+        triangles[slot, 1:3, :3] = points[:, 1:] - points[:, :1]
+        triangles[slot, 3:, :3] = normals
+        low = np.minimum.reduceat(points.min(axis=1), bounds[:-1]) - MARGIN
+        high = np.maximum.reduceat(points.max(axis=1), bounds[:-1]) + MARGIN
+        nodes = self.texels[: self.triangles].reshape(self.leaves, 2, 6)
+        while len(low) > 1:
+            half = len(low) // 2
+            nodes[half : 2 * half, :, :3] = low.reshape(half, 2, 3)
+            nodes[half : 2 * half, :, 3:] = high.reshape(half, 2, 3)
+            low = low.reshape(half, 2, 3).min(axis=1)
+            high = high.reshape(half, 2, 3).max(axis=1)
+
+
+def leaves_of(triangles: int) -> int:
+    """How many leaves a tree of as many triangles has."""
+    leaves = 1
+    while LEAF * leaves < triangles:
+        leaves *= 2
+    return leaves
+
+
+def bounds_of(triangles: int, parts: int) -> np.ndarray:
+    """(parts + 1,) where each part of sorted triangles begins: halved again and again."""
+    return np.arange(parts + 1, dtype=np.int64) * triangles // parts
+
+
+def grow(points: np.ndarray, normals: np.ndarray) -> Iterator[Tree | None]:
+    """Sort triangles (T, 3, 3) into a tree: a level at each step, and the tree as the last one."""
+    order = np.arange(len(points))
+    middles = points.mean(axis=1)
+    leaves, parts = leaves_of(len(points)), 1
+    while parts < leaves:
+        bounds = bounds_of(len(points), parts)
+        sizes = np.diff(bounds)
+        here = middles[order]
+        low = np.minimum.reduceat(here, bounds[:-1])
+        size = np.maximum.reduceat(here, bounds[:-1]) - low
+        axis = np.argmax(size, axis=1)
+        part = np.repeat(np.arange(parts), sizes)
+        value = here[np.arange(len(here)), axis[part]] - low[part, axis[part]]
+        span = np.maximum(size[np.arange(parts), axis], np.finfo(float).tiny)
+        # All parts at once: each has numbers of its own.
+        order = order[np.argsort(part + 0.5 * value / span[part], kind="stable")]
+        parts *= 2
+        yield None
+    yield Tree(points, normals, order)
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Stands for the surface of a mesh, among those of other glasses."""
+
+    tree: Tree
+
+
+@dataclass(frozen=True)
+class MeshBody(BoundedGlass):
+    """A glass that is a mesh, in a frame of its own: its box's middle is the origin.
+
+    Attributes
+    ----------
+    tree : its triangles, in units of `scale`.
+    ior : of the glass.
+    unit : `scale`, metres.
+    half : (3,) half the sides of its box, metres.
+    refracted, reflected : parts of the light, red, green, blue, that get through where it is
+        refracted and reflected, beside Fresnel's law.
+    """
+
+    tree: Tree
+    ior: float
+    unit: float
+    half: tuple[float, float, float]
+    refracted: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    reflected: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def scale(self) -> float:
+        return self.unit
+
+    @property
+    def media(self) -> tuple[float, float]:
+        return (1.0, self.ior)
+
+    @property
+    def interfaces(self) -> tuple[Interface, ...]:
+        return (Interface("surface", Triangles(self.tree), 0, 1),)
+
+    @property
+    def box(self) -> np.ndarray:
+        return np.array((self.half, self.half)) * ((-1.0,), (1.0,))
+
+    def medium_at(self, points: np.ndarray) -> np.ndarray:
+        """0: rays that start in a mesh learn it from the first face that they meet."""
+        return np.zeros(np.shape(points)[:-1], dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class Shaped:
+    """Triangles of a mesh in the frame of a `MeshBody`, and that frame.
+
+    Attributes
+    ----------
+    points, normals : (T, 3, 3), in units of `scale`. half : see `MeshBody`.
+    middle : (3,) metres, of the frame in which `stretch` leaves the mesh.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    scale: float
+    half: tuple[float, float, float]
+    middle: np.ndarray
+
+
+def polar(linear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A (3, 3) matrix as a rotation after a stretch, which mirrors if the matrix does."""
+    left, size, right = np.linalg.svd(linear)
+    sign = np.sign(np.linalg.det(linear))
+    return sign * left @ right, sign * (right.T * size) @ right
+
+
+def shaped(points: np.ndarray, normals: np.ndarray, stretch: np.ndarray) -> Shaped:
+    """Triangles (T, 3, 3) of a mesh, stretched, in a frame of their own.
+
+    Raises
+    ------
+    ValueError
+        They have no area.
+    """
+    placed = points @ stretch.T
+    turned = normals @ np.linalg.inv(stretch)
+    if np.linalg.det(stretch) < 0.0:
+        # A mirrored triangle runs the other way round.
+        placed, turned = placed[:, ::-1], turned[:, ::-1]
+    low, high = placed.min(axis=(0, 1)), placed.max(axis=(0, 1))
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    scale = float(half.max())
+    if scale == 0.0:
+        raise ValueError("its mesh has no area")
+    length = np.linalg.norm(turned, axis=2, keepdims=True)
+    flat = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
+    area = np.linalg.norm(flat, axis=1, keepdims=True)
+    flat = flat / np.where(area > 0.0, area, 1.0)
+    usable = np.isfinite(length) & (length > 0.0)
+    turned = np.where(usable, turned / np.where(usable, length, 1.0), flat[:, None])
+    return Shaped(
+        np.ascontiguousarray((placed - middle) / scale),
+        np.ascontiguousarray(turned),
+        scale,
+        tuple(half.tolist()),
+        middle,
+    )

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the live view reads anew: the objects that changed, or everything."""
+
+import bpy
+import pytest
+
+from glass_refraction.viewport import news
+
+
+@pytest.fixture
+def scene():
+    bpy.ops.wm.read_homefile(use_empty=True)
+    for name in ("Thing", "Other"):
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
+    bpy.context.view_layer.update()
+    noted = []
+
+    def note(scene, depsgraph):
+        news.note(scene, depsgraph, new_frame=False)
+        noted.append([update.id.name for update in depsgraph.updates])
+
+    bpy.app.handlers.depsgraph_update_post.append(note)
+    yield bpy.context.scene
+    bpy.app.handlers.depsgraph_update_post.remove(note)
+
+
+def test_a_thing_that_moves_is_all_that_changed(scene):
+    one = news.news(scene)
+    everything, seen = one.everything, one.seen
+    thing, other = bpy.data.objects["Thing"], bpy.data.objects["Other"]
+    thing.location.x = 1.0
+    bpy.context.view_layer.update()
+    assert one.objects[thing.session_uid] == one.serial
+    assert one.objects.get(other.session_uid, 0) < one.serial
+    assert (one.everything, one.seen) == (everything, seen + 1)
+    assert one.shape_of(thing) < one.serial
+
+
+def test_a_mesh_that_is_edited_has_another_shape(scene):
+    one, thing = news.news(scene), bpy.data.objects["Thing"]
+    before = one.shape_of(thing)
+    thing.data.vertices[0].co.x = 2.0
+    thing.data.update()
+    bpy.context.view_layer.update()
+    assert one.shape_of(thing) > before
+
+
+def test_what_is_no_object_may_change_everything(scene):
+    one = news.news(scene)
+    before = one.everything
+    material = bpy.data.materials.new("Glass")
+    bpy.data.objects["Thing"].data.materials.append(material)
+    bpy.context.view_layer.update()
+    material.diffuse_color = (1.0, 0.0, 0.0, 1.0)
+    bpy.context.view_layer.update()
+    assert one.everything > before
+
+
+def test_after_undo_everything_and_every_shape_is_new(scene):
+    one, thing = news.news(scene), bpy.data.objects["Thing"]
+    before = one.shape_of(thing)
+    news.forget()
+    assert one.everything == one.serial
+    assert one.shape_of(thing) > before
