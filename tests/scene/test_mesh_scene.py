@@ -108,11 +108,15 @@ def test_renders_hide_the_mesh_and_a_disabled_extension_shows_it(tmp_path):
     assert read_input(glass_modifier(obj), "Show in Render")
 
 
-@pytest.mark.parametrize("kind", ["armature", "shape key"])
-def test_each_frame_of_a_moving_mesh_is_as_alone(tmp_path, kind):
+@pytest.mark.parametrize(
+    ("kind", "engine"),
+    [("armature", "CYCLES"), ("shape key", "CYCLES"), ("armature", "BLENDER_EEVEE")],
+)
+def test_each_frame_of_a_moving_mesh_is_as_alone(tmp_path, kind, engine):
     scenes.camera()
     scenes.striped_wall()
     scene = scenes.settings(60, 45, samples=2, shading="TRUE", surface="GLASS")
+    scene.render.engine, scene.eevee.taa_render_samples = engine, 2
     obj = _ball(segments=16)
     if kind == "armature":
         _bend(scene, obj)
