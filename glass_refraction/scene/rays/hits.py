@@ -72,8 +72,8 @@ class Ways:
         return len(self.ray)
 
     def take(self, which: np.ndarray) -> Ways:
-        """Some of them."""
-        return Ways(*(part[which] for part in vars(self).values()))
+        """Some of them, by their numbers."""
+        return Ways(*(part.take(which, axis=0) for part in vars(self).values()))
 
     def scaled(self, factor: np.ndarray) -> Ways:
         """The same with other weights: times a factor (K,)."""
@@ -106,8 +106,8 @@ class Shown:
     pixels: np.ndarray
 
     def take(self, which: np.ndarray) -> Shown:
-        """Some of them."""
-        return Shown(self.view[which], self.pixels[which])
+        """Some of them, by their numbers."""
+        return Shown(self.view[which], self.pixels.take(which, axis=0))
 
     @staticmethod
     def joined(parts: list[Shown]) -> Shown:
@@ -145,8 +145,8 @@ class Hits:
         return len(self.triangle)
 
     def take(self, which: np.ndarray) -> Hits:
-        """Some of them."""
-        return Hits(*(part[which] for part in vars(self).values()))
+        """Some of them, by their numbers."""
+        return Hits(*(part.take(which, axis=0) for part in vars(self).values()))
 
     @property
     def is_sky(self) -> np.ndarray:
