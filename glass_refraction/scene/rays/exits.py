@@ -12,13 +12,13 @@ from .follow import Follower, way_codes
 from .hits import Shown, Ways
 from .lamps import Sun
 
-FINER = ((4, 0.03), (6, 0.2), (12, 0.6))
+FINER = ((4, 0.05), (6, 0.2), (12, 0.6))
 """Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
 STEADY = 0.015
 """Part of a pixel's light: a way of which less ends is well shown by the pixel's centre."""
 STEADY_PX = 1.5
 """Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
-END = 0.6
+END = 0.35
 """What light that ends counts: an outline is smooth with few rays."""
 STRETCH = 0.085
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""

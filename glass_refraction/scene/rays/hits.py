@@ -328,9 +328,12 @@ def place_captures(
 def _quality(scene: Scene, view: RadianceView, hits: Hits, spacing: np.ndarray) -> np.ndarray:
     """(K,) how well a view shows hits that nothing hides: 0 not at all, else from `SEEN` to 1."""
     worth, _ = scene.worth(view, hits, True)
+    shown = np.flatnonzero(worth > 0.0)
+    quality = np.zeros(len(hits))
     # The sky has no fine detail.
-    fine = np.where(hits.is_sky, 1.0, np.minimum(worth * spacing, 1.0))
-    return np.where(worth > 0.0, SEEN + (1.0 - SEEN) * fine, 0.0)
+    fine = np.where(hits.is_sky[shown], 1.0, np.minimum(worth[shown] * spacing[shown], 1.0))
+    quality[shown] = SEEN + (1.0 - SEEN) * fine
+    return quality
 
 
 def _seen(scene: Scene, view: RadianceView, hits: Hits, quality: np.ndarray) -> np.ndarray:
