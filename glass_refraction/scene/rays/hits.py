@@ -10,7 +10,7 @@ import numpy as np
 
 from .caster import Caster
 from .things import Things
-from .views import WIDEST, RadianceView, aimed_view, squares, virtual_eye
+from .views import WIDEST, RadianceView, aimed_view, squares, virtual_eye, weighted_median
 
 UNSEEN, KNOWN = -1, -2
 """In place of a view's number: no view shows the hit; its radiance is known without one."""
@@ -24,6 +24,10 @@ STRONG = 0.1
 """Part of a ray's light from which on the sharpest view is looked for."""
 FAINT_SKY = 0.002
 """Part of the sky's light: while less than this is unseen no further view of it is placed."""
+DISPENSABLE = 0.008
+"""Part of all light: a capture without which less than this is unseen goes, see `DULLER` too."""
+DULLER = 0.003
+"""Part of all light, by `SEEN`: so much may be less fine without a capture that goes."""
 ENOUGH_FINE = 0.02
 """Part of all light: what lacks in fineness may be so much before a capture is placed for it."""
 SEEN = 0.8
@@ -304,7 +308,9 @@ def place_captures(
     hits = scene.hits(ways)
     shown = _seen(scene, direct, hits, _quality(scene, direct, hits, spacing))
     shown[known] = 1.0
+    begin = shown
     captures: list[RadianceView] = []
+    qualities: list[np.ndarray] = []
     while len(captures) < most and len(ways):
         lacking = ways.weight * (1.0 - shown)
         unseen = ways.weight[shown == 0.0].sum()
@@ -321,7 +327,18 @@ def place_captures(
             break
         view, quality = found
         captures.append(view)
-        shown[some] = np.maximum(shown[some], quality)
+        qualities.append(np.zeros(len(ways)))
+        qualities[-1][some] = quality
+        shown = np.maximum(shown, qualities[-1])
+    for number in reversed(range(len(captures))):
+        # Some captures show little that those after them do not show as well.
+        others = qualities[:number] + qualities[number + 1 :]
+        without = np.maximum.reduce([begin, *others])
+        unseen = ways.weight[without == 0.0].sum()
+        less = (ways.weight * (shown - without)).sum()
+        if unseen < DISPENSABLE * total and less < DULLER * total:
+            shown = without
+            del captures[number], qualities[number]
     return captures
 
 
@@ -381,7 +398,18 @@ def _best_capture(
         quality = _seen(scene, view, hits, quality)
         if gain(quality) > best:
             best, found = gain(quality), (view, quality)
-    return found
+    if found is None:
+        return None
+    # No finer than the picture: what it shows takes fewer of its pixels then, and of its time.
+    worth, _ = scene.worth(found[0], hits, True)
+    fine = np.flatnonzero((found[1] > 0.0) & np.isfinite(spacing) & ~hits.is_sky)
+    if not len(fine):
+        return found
+    too_fine = weighted_median(worth[fine] * spacing[fine], ways.weight[fine])
+    if too_fine <= 1.0:
+        return found
+    view = found[0].opened(too_fine)
+    return view, _seen(scene, view, hits, _quality(scene, view, hits, spacing))
 
 
 def _capture_from(eye, ways: Ways, direct: RadianceView, aspect: float, near: float):

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -97,6 +97,16 @@ class RadianceView:
         """Places (N, 2) in the picture, 0 to 1 from its lower left corner."""
         x0, y0, x1, y1 = self.picture
         return (pixels - (x0, y0)) / (x1 - x0, y1 - y0)
+
+    def opened(self, factor: float) -> RadianceView:
+        """The same view, what it draws by a factor wider and higher, round its middle."""
+        p = self.projection.copy()
+        for axis in range(2):
+            low, high = self.region[axis], self.region[axis + 2]
+            middle = (low + high) / self.size[axis] - 1.0
+            p[axis, axis] /= factor
+            p[axis, 2] = (p[axis, 2] + middle) / factor - middle
+        return replace(self, projection=p)
 
     def sight(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rays from where the view begins to see: origins, unit directions (N, 3), lengths (N,)."""
@@ -197,6 +207,13 @@ def _quantiles(values: np.ndarray, weights: np.ndarray, tail: float) -> tuple[fl
     summed = np.cumsum(weights[order])
     low, high = np.searchsorted(summed, np.array((0.5 * tail, 1.0 - 0.5 * tail)) * summed[-1])
     return float(values[order[low]]), float(values[order[min(high, len(order) - 1)]])
+
+
+def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """The value below which half of the weight lies."""
+    order = np.argsort(values)
+    summed = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(summed, 0.5 * summed[-1])]])
 
 
 def virtual_eye(origins: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> np.ndarray:
