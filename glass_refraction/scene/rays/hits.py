@@ -26,7 +26,7 @@ FAINT_SKY = 0.002
 """Part of the sky's light: while less than this is unseen no further view of it is placed."""
 DISPENSABLE = 0.008
 """Part of all light: a capture without which less than this is unseen goes, see `DULLER` too."""
-DULLER = 0.003
+DULLER = 0.0045
 """Part of all light, by `SEEN`: so much may be less fine without a capture that goes."""
 ENOUGH_FINE = 0.02
 """Part of all light: what lacks in fineness may be so much before a capture is placed for it."""
