@@ -13,7 +13,7 @@ that holds is passed straight.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,7 @@ from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, PlacedMesh, sur
 from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import Floats, Rays
-from .vectors import LEAST, against, dot, refracted, rotated, units
+from .vectors import LEAST, against, columns, dot, refracted, rotated, units
 
 TOUCHING = 2.0**-21
 """Relative distance within which two surfaces touch: of the largest coordinate of the place where a
@@ -110,6 +110,7 @@ Meshes that touch each other must be told apart: then each result has a first ax
 class _Live:
     """Rays on their way, in the world; the last axis counts them.
 
+    `depth` has no rows where nothing dims light, `aside` none where no things are looked for.
     `medium`: of each glass, 0 outside it. `entered`: the step in which each glass was entered.
     `facet`: the ray's number among those into which the first rough interface split it, else -1.
     `aside`: (3, L), from where a ray starts to where it looks for things from. `thing`: number of
@@ -133,7 +134,7 @@ class _Live:
         return len(self.ray)
 
     def take(self, which) -> _Live:
-        return _Live(*(getattr(self, part.name)[..., which] for part in fields(self)))
+        return _Live(*(columns(getattr(self, part.name), which) for part in fields(self)))
 
     @staticmethod
     def join(parts: Sequence[_Live]) -> _Live:
@@ -161,7 +162,7 @@ class _Met:
     leaked: NDArray[np.bool_]
 
     def take(self, which) -> _Met:
-        return _Met(*(getattr(self, part.name)[..., which] for part in fields(self)))
+        return _Met(*(columns(getattr(self, part.name), which) for part in fields(self)))
 
 
 @dataclass
@@ -190,6 +191,7 @@ class _Followed:
         self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
         self.rough = bool(self.alpha.any())
         self.tints = surface_depths(self.glasses)
+        self.dims = not self.media.clear or self.tints is not None or not self.fresnel
         boxes = [self.glasses[number].box for number in self.meshes]
         self.mesh_boxes = None
         if boxes and not any(box is None for box in boxes):
@@ -218,13 +220,13 @@ class _Followed:
             place=np.array(np.broadcast_to(places.T, (3, count))),
             direction=np.ascontiguousarray(direction[proper].T),
             weight=np.ones(count),
-            depth=np.zeros((3, count)),
+            depth=np.zeros((3 if self.dims else 0, count)),
             events=np.zeros(count, dtype=np.int32),
             path=np.zeros(count, dtype=np.uint64),
             medium=medium,
             entered=np.zeros((glasses, count), dtype=np.int16),
             facet=np.full(count, -1, dtype=np.int8),
-            aside=np.zeros((3, count)),
+            aside=np.zeros((3 if self.cast is not None else 0, count)),
             thing=np.full(count, -1, dtype=np.int32),
         )
 
@@ -253,7 +255,9 @@ class _Followed:
         on = np.flatnonzero(~ends & ~leaked)
         touched = free[on] <= met.way[on] + contact[on]
         lift = np.where(touched, CLEARANCE * contact[on], 0.0)
-        return self.split(live.take(on), met.take(on), near[on], lift, lost)
+        if len(on) < len(live):
+            live, met, near = live.take(on), met.take(on), near[on]
+        return self.split(live, met, near, lift, lost)
 
     def touching(self, place: Floats, way: Floats) -> Floats:
         """Metres (L,) along rays within which interfaces touch that are met after a way."""
@@ -292,7 +296,7 @@ class _Followed:
                 if not len(meeting.index):
                     continue
                 index = meeting.index + block.start
-                met.after[meeting.number, index] = meeting.beyond
+                met.after[meeting.number][index] = meeting.beyond
                 if isinstance(meeting, _Faces):
                     live.medium[meeting.number, index] = 1 - meeting.beyond
                 # Of interfaces that touch, that of the highest priority tells what happens.
@@ -302,9 +306,10 @@ class _Followed:
                 telling[meeting.index] = self.media.rank[meeting.number]
                 met.glass[index] = meeting.number
                 met.interface[index] = meeting.interface
-                met.normal[:, index], flat = meeting.normals()
-                if self.meshes:
-                    met.flat[:, index] = flat
+                for axis, (normal, flat) in enumerate(zip(*meeting.normals(), strict=True)):
+                    met.normal[axis][index] = normal
+                    if self.meshes:
+                        met.flat[axis][index] = flat
 
         in_blocks(work, count)
         return met
@@ -318,8 +323,8 @@ class _Followed:
             some = np.flatnonzero(inside)
         if not len(some):
             return []
-        along = live.direction[:, some]
-        origins = np.ascontiguousarray(live.place[:, some].T)
+        along = columns(live.direction, some)
+        origins = np.ascontiguousarray(columns(live.place, some).T)
         glass, way, flat, smooth = self.ask(origins, np.ascontiguousarray(along.T))
         found = []
         rows = (np.asarray(part).reshape(-1, *part.shape[-1:]) for part in (glass, way))
@@ -352,8 +357,8 @@ class _Followed:
             some = np.flatnonzero(_meets_boxes(self.things, live, met.way + margin))
             if not len(some):
                 return free
-        aside, along = live.aside[:, some], live.direction[:, some]
-        origins = np.ascontiguousarray((live.place[:, some] + aside).T)
+        aside, along = columns(live.aside, some), columns(live.direction, some)
+        origins = np.ascontiguousarray((columns(live.place, some) + aside).T)
         way, live.thing[some] = self.cast(origins, np.ascontiguousarray(along.T))
         free[some] = way + dot(aside, along)
         return np.maximum(free, 0.0)
@@ -413,24 +418,27 @@ class _Followed:
         mirrored = direction + (2.0 * cosine) * normal
         live.events = events
         through = self._child(live, on, turned, weights[0])
-        through.medium, through.entered = met.after[:, on], crossing.entered[:, on]
+        through.medium, through.entered = columns(met.after, on), columns(crossing.entered, on)
         off = self._child(live, back, units(mirrored), weights[1])
         if self.tints is not None:
             through.depth += np.where(straight, 0.0, self.tints[0, met.glass].T)[:, on]
             off.depth += self.tints[1, met.glass[back]].T
         if self.meshes:
             # Off all faces met here, which float32 puts a little before the place or behind it.
-            through.place -= CLEARANCE * near[on] * flat[:, on]
-            off.place += CLEARANCE * near[back] * flat[:, back]
-        # A thing that touches is on the other side, whatever the rounding of its distance.
-        off.aside = lift[back] * flat[:, back]
+            through.place -= CLEARANCE * near[on] * columns(flat, on)
+            off.place += CLEARANCE * near[back] * columns(flat, back)
+        if self.cast is not None:
+            # A thing that touches is on the other side, whatever the rounding of its distance.
+            off.aside = lift[back] * columns(flat, back)
         code = _interface_code(met.glass, met.interface)
         through.path = np.where(straight[on], through.path, _path_on(through.path, code[on]))
         off.path = _path_on(off.path, code[back] + 1) | MIRRORED
         touches = lift[on] > 0.0
-        seen, through = (through.take(np.flatnonzero(part)) for part in (touches, ~touches))
+        seen = through.take(np.flatnonzero(touches))
+        if len(seen):
+            through = through.take(np.flatnonzero(~touches))
         if self.fresnel:
-            return seen, off.take(slice(0)), _Live.join([through, off]), dropped
+            return seen, off.take(np.zeros(0, dtype=np.intp)), _Live.join([through, off]), dropped
         # A surface that only refracts is black where it would reflect totally, as in Cycles: such
         # a ray ends there.
         off.depth = np.full_like(off.depth, np.inf)
@@ -439,9 +447,8 @@ class _Followed:
     @staticmethod
     def _child(live: _Live, which, direction: Floats, weight: Floats) -> _Live:
         """Some of the rays in other directions, with other weights."""
-        child = live.take(which)
-        child.direction, child.weight = direction[:, which], weight[which]
-        child.aside = np.zeros((3, len(which)))
+        child = replace(live, direction=direction, weight=weight).take(which)
+        child.aside = np.zeros(child.aside.shape)
         return child
 
     def _least(self, live: _Live, events, straight) -> Floats:
@@ -489,7 +496,7 @@ class _Followed:
         live.facet[fresh] = np.flatnonzero(fresh) - first
         live.weight[fresh] /= FACETS
         some = np.flatnonzero(rough[rows])
-        normal, flat = crossing.normal[:, some], crossing.flat[:, some]
+        normal, flat = columns(crossing.normal, some), columns(crossing.flat, some)
         ray = live.ray[some]
         number = self.sample[ray] * FACETS + live.facet[some]
         places = facet_shares(self.pixel[ray], number, live.events[some])
@@ -515,7 +522,7 @@ class _Crossing:
     normal: Floats
 
     def take(self, which) -> _Crossing:
-        return _Crossing(*(getattr(self, part.name)[..., which] for part in fields(self)))
+        return _Crossing(*(columns(getattr(self, part.name), which) for part in fields(self)))
 
 
 FACETS = 6
@@ -561,7 +568,7 @@ class _Meeting:
             here = tuple(part[some] for part in place)
             marks = (self.mark[some],) if isinstance(surface, Profile) else ()
             for axis, part in enumerate(surface.normal(*here, *marks)):
-                found[axis, some] = part
+                found[axis][some] = part
         found = rotated(self.glass.pose[:3, :3], found)
         return found, found
 
@@ -580,7 +587,8 @@ class _Faces:
 
     def take(self, which) -> _Faces:
         parts = self.index, self.way, self.number, self.beyond
-        return _Faces(*(part[which] for part in parts), self.flat[:, which], self.smooth[:, which])
+        flat, smooth = (columns(part, which) for part in (self.flat, self.smooth))
+        return _Faces(*(part[which] for part in parts), flat, smooth)
 
     def within(self, block: slice) -> _Faces:
         """Those of a block of rays, counted from its first."""
@@ -601,13 +609,13 @@ def _meetings(
     place, direction, media = live.place[:, block], live.direction[:, block], live.medium[number]
     media = media[block]
     candidates = np.flatnonzero((media > 0) | glass.near(place, direction))
-    place, direction = glass.inward(place[:, candidates], direction[:, candidates])
+    place, direction = glass.inward(columns(place, candidates), columns(direction, candidates))
     media = media[candidates]
     body = glass.body
     found = []
     for medium in np.flatnonzero(np.bincount(media, minlength=1)):
         some = np.flatnonzero(media == medium)
-        rays = Rays(tuple(place[:, some]), tuple(direction[:, some]))
+        rays = Rays(tuple(columns(place, some)), tuple(columns(direction, some)))
         interface, way, mark = nearest(body, int(medium), rays)
         on = np.flatnonzero(interface >= 0)
         index = candidates[some]
@@ -764,10 +772,11 @@ def exit_rays(
     distance = np.concatenate([row[1] for row in rows])
     order = np.argsort(ends.ray, kind="stable")
     ends = ends.take(order)
+    depth = ends.depth if followed.dims else np.zeros((3, len(ends)))
     return ExitRays(
         ray=ends.ray,
         weight=ends.weight,
-        depth=np.ascontiguousarray(ends.depth.T),
+        depth=np.ascontiguousarray(depth.T),
         origin=np.ascontiguousarray(ends.place.T),
         direction=np.ascontiguousarray(ends.direction.T),
         distance=distance[order],

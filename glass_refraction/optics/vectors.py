@@ -15,6 +15,14 @@ LEAST = 1e-300
 """Stands for a square of 0."""
 
 
+def columns(array, which):
+    """Some columns of an array (…, L), by their numbers or a slice.
+
+    By numbers, ``take`` is about four times as fast as indexing with an ellipsis or a colon.
+    """
+    return array[..., which] if isinstance(which, slice) else array.take(which, axis=-1)
+
+
 def dot(a: Floats, b: Floats) -> Floats:
     """Inner products (L,) of vectors (3, L)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -32,6 +32,7 @@ from .read.glasses import (
     glass_objects,
     instanced_glasses,
     is_mesh_glass,
+    merged_glasses,
     read_glass,
 )
 from .read.modifier_inputs import write_input
@@ -93,6 +94,11 @@ def prepare(
     problems: list[str] = []
     placed = glass_objects(view_layer, ever=True)
     instanced = instanced_glasses(scene, depsgraph)
+    for host, glass in merged_glasses(scene, depsgraph):
+        problems.append(
+            f'Geometry Nodes of "{host.name}" merge glass "{glass.name}" into its mesh, where it '
+            "is no glass: switch on As Instance in Object Info, and realize no instances"
+        )
     glasses = _editable(placed, problems)
     if effective_shading(scene) == "TRUE":
         glasses += _editable(instanced, problems)

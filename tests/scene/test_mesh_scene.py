@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import scenes
 
+from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
-from glass_refraction.scene.names import RefractiveGlassError
+from glass_refraction.scene.names import MODIFIER, RefractiveGlassError, load_group
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
 from glass_refraction.scene.read.mesh_glasses import open_edges
 from glass_refraction.scene.read.modifier_inputs import read_input, write_input
@@ -107,11 +108,15 @@ def test_renders_hide_the_mesh_and_a_disabled_extension_shows_it(tmp_path):
     assert read_input(glass_modifier(obj), "Show in Render")
 
 
-@pytest.mark.parametrize("kind", ["armature", "shape key"])
-def test_each_frame_of_a_moving_mesh_is_as_alone(tmp_path, kind):
+@pytest.mark.parametrize(
+    ("kind", "engine"),
+    [("armature", "CYCLES"), ("shape key", "CYCLES"), ("armature", "BLENDER_EEVEE")],
+)
+def test_each_frame_of_a_moving_mesh_is_as_alone(tmp_path, kind, engine):
     scenes.camera()
     scenes.striped_wall()
     scene = scenes.settings(60, 45, samples=2, shading="TRUE", surface="GLASS")
+    scene.render.engine, scene.eevee.taa_render_samples = engine, 2
     obj = _ball(segments=16)
     if kind == "armature":
         _bend(scene, obj)
@@ -358,3 +363,142 @@ def test_subdivision_is_taken_as_renders_have_it():
     finally:
         bpy.app.handlers.frame_change_post.remove(count)
     assert set(sizes) == {2 * 6 * 4**2}
+
+
+def _points_host(name, node, *, as_instance=True, realise=False):
+    """An object of three points 0.1 m apart at which what a node gives is instanced."""
+    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    line = tree.nodes.new("GeometryNodeMeshLine")
+    line.inputs["Count"].default_value = 3
+    line.inputs["Offset"].default_value = (0.1, 0.0, 0.0)
+    place = tree.nodes.new("GeometryNodeInstanceOnPoints")
+    tree.links.new(line.outputs[0], place.inputs["Points"])
+    info = tree.nodes.new("GeometryNodeObjectInfo")
+    info.inputs["Object"].default_value = node
+    info.inputs["As Instance"].default_value = as_instance
+    tree.links.new(info.outputs["Geometry"], place.inputs["Instance"])
+    last = place.outputs[0]
+    if realise:
+        last = tree.nodes.new("GeometryNodeRealizeInstances").outputs[0]
+        tree.links.new(place.outputs[0], last.node.inputs[0])
+    tree.links.new(last, tree.nodes.new("NodeGroupOutput").inputs[0])
+    host = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+    host.modifiers.new("Nodes", "NODES").node_group = tree
+    return host
+
+
+def _out_of_the_scene(obj):
+    for collection in obj.users_collection:
+        collection.objects.unlink(obj)
+    return obj
+
+
+def test_glasses_that_instances_of_instances_show_are_seen():
+    scenes.settings(shading="TRUE", surface="GLASS")
+    glass = _out_of_the_scene(_own_mesh(_ball(location=(0, 0, 0))))
+    inner = _points_host("Inner", glass)
+    outer = _points_host("Outer", inner)
+    bpy.context.scene.collection.objects.link(outer)
+    bpy.context.view_layer.update()
+    found = read_glasses(scenes.depsgraph())
+    places = sorted(round(float(g.description.box.mean(axis=0)[0]), 3) for g in found)
+    assert places == [0.0, 0.1, 0.1, 0.2, 0.2, 0.2, 0.3, 0.3, 0.4]
+
+
+@pytest.mark.parametrize("way", [{"as_instance": False}, {"realise": True}])
+def test_a_glass_that_is_merged_into_another_mesh_is_told(tmp_path, way):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(16, 12, samples=1, shading="TRUE", surface="GLASS")
+    glass = _out_of_the_scene(_own_mesh(_ball(location=(0, 0, 0))))
+    scene.collection.objects.link(_points_host("Merged", glass, **way))
+    scenes.picture(scene, tmp_path)
+    said = [p for p in door.status(scene).problems if '"Merged"' in p and f'"{glass.name}"' in p]
+    assert len(said) == 1
+
+
+def test_a_linked_glass_does_not_stop_a_local_one(tmp_path):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(24, 18, samples=1, shading="TRUE", surface="GLASS")
+    library = str(tmp_path / "library.blend")
+    other = _own_mesh(_ball(location=(0.1, 0.0, 0.08)))
+    other.name = "Linked"
+    bpy.data.libraries.write(library, {other})
+    bpy.data.objects.remove(other)
+    with bpy.data.libraries.load(library, link=True) as (_, wanted):
+        wanted.objects = ["Linked"]
+    scene.collection.objects.link(wanted.objects[0])
+    _own_mesh(_ball())
+    scenes.picture(scene, tmp_path)
+    assert door.memory_of(scene).covered.sum() > 20
+    assert [p for p in door.status(scene).problems if '"Linked"' in p]
+
+
+def test_renders_know_the_roughness_of_the_meshs_own_material(tmp_path):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(24, 18, samples=1, shading="TRUE", surface="GLASS")
+    obj = _ball()
+    obj.data.materials.append(_material("ShaderNodeBsdfGlass", IOR=1.7, Roughness=0.2))
+    _own_mesh(obj)
+    seen = []
+
+    def read(user_scene, depsgraph):
+        if user_scene == scene and depsgraph.mode == "RENDER":
+            mesh = read_glasses(depsgraph)[0].description
+            seen.append((mesh.ior, mesh.roughness))
+
+    bpy.app.handlers.frame_change_post.append(read)
+    try:
+        scenes.picture(scene, tmp_path)
+    finally:
+        bpy.app.handlers.frame_change_post.remove(read)
+    assert seen[0] == pytest.approx((1.7, 0.2))
+
+
+def _coarser(picture, step):
+    """Means (H / step, W / step, C) of a picture's squares."""
+    height, width, channels = picture.shape
+    blocks = picture.reshape(height // step, step, width // step, step, channels)
+    return blocks.mean(axis=(1, 3), dtype=float)
+
+
+def test_a_rough_pane_is_cycles_own(tmp_path):
+    """Also in the reference: of hardly any roughness it is the sharp one."""
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(64, 48, samples=16, shading="TRUE", surface="GLASS")
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(0.0, 0.0, 0.08), scale=(0.16, 0.02, 0.1))
+    pane = bpy.context.object
+    pane.rotation_euler = (0.0, 0.0, 0.5)
+    material = _material("ShaderNodeBsdfGlass", IOR=1.5, Roughness=0.02)
+    pane.data.materials.append(material)
+    _own_mesh(pane)
+    node = next(n for n in material.node_tree.nodes if n.type == "BSDF_GLASS")
+    nearly_sharp = render_reference(scene, samples=64)
+    node.inputs["Roughness"].default_value = 0.0
+    sharp = render_reference(scene, samples=64)
+    node.inputs["Roughness"].default_value = 0.3
+    rough = render_reference(scene, samples=256)
+    found = scenes.picture(scene, tmp_path)
+    inside = door.memory_of(scene).covered
+
+    def psnr(one, other, where=inside):
+        return -10 * np.log10(((one - other)[where][:, :3] ** 2).mean())
+
+    assert psnr(nearly_sharp, sharp) > 35
+    assert psnr(rough, sharp) < 20
+    # Few facets a pixel leave noise: places of 4 x 4 pixels have little of it.
+    whole = _coarser(inside[..., None], 4)[..., 0] == 1
+    assert psnr(_coarser(found, 4), _coarser(rough, 4), whole) > 33
+
+
+def test_a_file_of_an_older_version_gets_the_modifier_anew():
+    group = load_group(MODIFIER)
+    menu = next(node for node in group.nodes if node.type == "MENU_SWITCH")
+    menu.enum_items.remove(menu.enum_items["Mesh"])
+    obj = _own_mesh(_ball())
+    assert glass_modifier(obj).node_group != group
+    assert read_input(glass_modifier(obj), "Shape") == "Mesh"

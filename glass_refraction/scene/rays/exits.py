@@ -13,25 +13,22 @@ from .hits import Shown, Ways
 from .lamps import Sun
 from .radiance import UNLIMITED, Clamp
 
-FINER = ((4, 0.03), (6, 0.2), (12, 0.58))
+FINER = ((4, 0.05), (6, 0.2), (12, 0.6))
 """Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
-FINER_IF_BLACK = (*FINER[:2], (28, FINER[2][1]))
+FINER_IF_BLACK = (*FINER[:2], (28, 0.3))
 """The same where total reflection is black: edges are harder there, and each ray has one way."""
-STEADY = 0.01
+STEADY = 0.015
 """Part of a pixel's light: a way of which less ends is well shown by the pixel's centre."""
 STEADY_PX = 1.5
 """Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
-END = 0.6
+END = 0.35
 """What light that ends counts: an outline is smooth with few rays."""
-STRETCH = 0.1
+STRETCH = 0.085
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""
 MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
 ENOUGH = 0.25
 """Part of a ray's light that must have been followed to stand for all of it."""
-TURNS = {4: 2, 9: 3, 25: 7}
-"""Rays a pixel -> steps from row to row of their lattice: those that tell best, for edges in all
-directions, what part of a bell lies beyond."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
 """Of the engines' pixel filters as a Gauss bell, standard deviation over the filter's size: the
 engines' own, whose window of Blackman and Harris is twice as wide, or `WORKBENCH_SIGMA`."""

@@ -121,22 +121,12 @@ class Follower:
         least = self.min_weight if settled is None else self.fine_weight
         if not self._apart:
             ways, lost = self._traced(pixels, places, least, things=True)
-            return self._unsettled(ways, lost, pixels, places, settled)
+            return unsettled(ways, lost, pixels, len(places), settled)
         ways, lost = self._kept(pixels, places, least)
         seen = self._unhidden(ways, pixels, places)
         ways = ways.take(np.flatnonzero(seen[ways.ray]))
-        ways, lost = self._unsettled(ways, lost * seen, pixels, places, settled)
+        ways, lost = unsettled(ways, lost * seen, pixels, len(places), settled)
         return self._ended(ways), lost
-
-    def _unsettled(self, ways, lost, pixels, places, settled) -> tuple[Ways, np.ndarray]:
-        """The ways that are not settled; the light of the others counts as lost."""
-        if settled is None or not len(settled):
-            return ways, lost
-        codes = way_codes(pixels[ways.ray // len(places)], ways.path)
-        at = np.minimum(np.searchsorted(settled, codes), len(settled) - 1)
-        known = settled[at] == codes
-        lost = lost + np.bincount(ways.ray[known], ways.weight[known], len(lost))
-        return ways.take(np.flatnonzero(~known)), lost
 
     def _rays(self, pixels: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         width = self.view.size[0]
@@ -279,6 +269,24 @@ class Follower:
 def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:
     """(K,) int64, the same for ways of a pixel through the same interfaces (a hash)."""
     return path ^ (pixel.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)).view(np.int64)
+
+
+def unsettled(
+    ways: Ways, lost: np.ndarray, pixels: np.ndarray, count: int, settled: np.ndarray | None
+) -> tuple[Ways, np.ndarray]:
+    """The ways that are not settled; the light of the others counts as lost.
+
+    Parameters
+    ----------
+    ways, lost : of ``count`` rays in each pixel (N,). settled : sorted `way_codes`, or None.
+    """
+    if settled is None or not len(settled):
+        return ways, lost
+    codes = way_codes(pixels[ways.ray // count], ways.path)
+    at = np.minimum(np.searchsorted(settled, codes), len(settled) - 1)
+    known = settled[at] == codes
+    lost = lost + np.bincount(ways.ray[known], ways.weight[known], len(lost))
+    return ways.take(np.flatnonzero(~known)), lost
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from .caster import Caster
 from .sky import Sky
 from .things import Things
-from .views import WIDEST, RadianceView, aimed_view, virtual_eye
+from .views import WIDEST, RadianceView, aimed_view, squares, virtual_eye, weighted_median
 
 UNSEEN, KNOWN = -1, -2
 """In place of a view's number: no view shows the hit; its radiance is known without one."""
@@ -25,6 +25,10 @@ STRONG = 0.1
 """Part of a ray's light from which on the sharpest view is looked for."""
 FAINT_SKY = 0.002
 """Part of the sky's light: while less than this is unseen no further view of it is placed."""
+DISPENSABLE = 0.008
+"""Part of all light: a capture without which less than this is unseen goes, see `DULLER` too."""
+DULLER = 0.0045
+"""Part of all light, by `SEEN`: so much may be less fine without a capture that goes."""
 ENOUGH_FINE = 0.02
 """Part of all light: what lacks in fineness may be so much before a capture is placed for it."""
 SEEN = 0.8
@@ -39,6 +43,12 @@ TRIED = 4000
 """Ways that decide how well a place for a capture suits."""
 GRAZING = 1.0 / 64.0
 """A view that meets a surface at so much less than the way does, by sines, shows only streaks."""
+JUDGED = 20_000
+"""Ways by which captures are compared."""
+LEAST_LENGTH = 1e-300
+"""Metres: keeps a quotient finite."""
+LEAST_MATCH = 1e-3
+"""Of a glossy hit's worth, whatever the direction: it is better seen so than not."""
 GLOSSY_POWER = 8.0
 """Of the cosine between way and sight, by which a view of a glossy surface is judged."""
 
@@ -74,8 +84,8 @@ class Ways:
         return len(self.ray)
 
     def take(self, which: np.ndarray) -> Ways:
-        """Some of them."""
-        return Ways(*(part[which] for part in vars(self).values()))
+        """Some of them, by their numbers."""
+        return Ways(*(part.take(which, axis=0) for part in vars(self).values()))
 
     def scaled(self, factor: np.ndarray) -> Ways:
         """The same with other weights: times a factor (K,)."""
@@ -113,8 +123,8 @@ class Shown:
     pixels: np.ndarray
 
     def take(self, which: np.ndarray) -> Shown:
-        """Some of them."""
-        return Shown(self.view[which], self.pixels[which])
+        """Some of them, by their numbers."""
+        return Shown(self.view[which], self.pixels.take(which, axis=0))
 
     @staticmethod
     def joined(parts: list[Shown]) -> Shown:
@@ -127,6 +137,40 @@ class Shown:
 
 Views = Sequence[RadianceView | None]
 """By number; None where a frame needs fewer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What is known of the hits of ways, whichever view is asked for them.
+
+    Attributes
+    ----------
+    point, direction : (K, 3) the hit, or where the way begins that meets none; the way's direction.
+    triangle : (K,) −1: the sky. normal : (K, 3) of the triangle, 0 for the sky.
+    side : (K,) 1 or −1 for the side of the triangle that the way comes from.
+    sine : (K,) of the angle between way and triangle.
+    glossy : (K,) whether it looks different from elsewhere.
+    """
+
+    point: np.ndarray
+    direction: np.ndarray
+    triangle: np.ndarray
+    normal: np.ndarray
+    side: np.ndarray
+    sine: np.ndarray
+    glossy: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.triangle)
+
+    def take(self, which: np.ndarray) -> Hits:
+        """Some of them, by their numbers."""
+        return Hits(*(part.take(which, axis=0) for part in vars(self).values()))
+
+    @property
+    def is_sky(self) -> np.ndarray:
+        """(K,) which are none."""
+        return self.triangle < 0
 
 
 class Scene:
@@ -153,58 +197,62 @@ class Scene:
         known |= ~ways.colour.any(axis=1)
         return known
 
-    def is_glossy(self, ways: Ways) -> np.ndarray:
-        """(K,) whose hit looks different from elsewhere."""
-        found = np.zeros(len(ways), bool)
+    def hits(self, ways: Ways) -> Hits:
+        """The hits of ways."""
+        count = len(ways)
+        normal, glossy = np.zeros((count, 3)), np.zeros(count, bool)
         some = np.flatnonzero(~ways.is_sky)
-        found[some] = self._is_glossy[self.things.surface[ways.triangle[some]]]
-        return found
+        triangle = ways.triangle[some]
+        normal[some] = self.normals[triangle]
+        glossy[some] = self._is_glossy[self.things.surface[triangle]]
+        facing = np.einsum("nk,nk->n", ways.direction, normal)
+        side, sine = np.sign(facing), np.abs(facing)
+        return Hits(ways.point, ways.direction, ways.triangle, normal, side, sine, glossy)
 
-    def worth(self, view: RadianceView, ways: Ways, direct: bool) -> tuple[np.ndarray, np.ndarray]:
+    def worth(self, view: RadianceView, hits: Hits, direct: bool) -> tuple[np.ndarray, np.ndarray]:
         """How well a view shows each hit (K,), 0 where it lies outside, and its pixels there."""
-        pixels = np.zeros((len(ways), 2))
-        worth = np.zeros(len(ways))
-        sky = np.flatnonzero(ways.is_sky)
-        if len(sky) and (view.sky_only or not self.sky.is_cut_out):
-            pixels[sky], inside = view.pixels_of_sky(ways.direction[sky])
-            worth[sky] = inside * view.focal_px
-        some = np.flatnonzero(~ways.is_sky)
-        if len(some) and not view.sky_only:
-            points = ways.point[some]
-            pixels[some], inside = view.pixels(points)
-            if view.is_parallel:
-                towards = np.broadcast_to(view.forward, points.shape)
-                density = np.full(len(some), view.focal_px)
-            else:
-                towards = points - view.eye
-                length = np.maximum(np.linalg.norm(towards, axis=1), 1e-300)
-                towards = towards / length[:, None]
-                density = view.focal_px / length
-            triangle = ways.triangle[some]
-            tilt = np.abs(np.einsum("nk,nk->n", towards, self.normals[triangle]))
-            along = np.einsum("nk,nk->n", towards, ways.direction[some])
-            facing = np.einsum("nk,nk->n", ways.direction[some], self.normals[triangle])
-            sides = np.einsum("nk,nk->n", towards, self.normals[triangle])
-            # The other side of a face may look different.
-            same_side = np.sign(facing) == np.sign(sides)
-            enough = tilt > GRAZING * np.abs(facing)
-            glossy = self._is_glossy[self.things.surface[triangle]]
-            match = np.where(glossy, np.clip(0.5 + 0.5 * along, 0.0, 1.0) ** GLOSSY_POWER, 1.0)
-            worth[some] = inside * same_side * enough * density * np.sqrt(tilt) * (match + 1e-3)
+        sky = np.flatnonzero(hits.is_sky)
+        local = view.local(hits.point)
+        near = view.near
+        if len(sky):
+            local[sky] = hits.direction[sky] @ view.to_camera[:3, :3].T
+            near = np.where(hits.is_sky, 0.0, view.near)
+        pixels, inside = view.project(local, near)
+        if view.is_parallel:
+            towards = np.broadcast_to(view.forward, local.shape)
+            length = 1.0
+        else:
+            towards = hits.point - view.eye
+            length = np.maximum(np.sqrt(squares(local)), LEAST_LENGTH)
+        sides = np.einsum("nk,nk->n", towards, hits.normal)
+        # The other side of a face may look different.
+        shown = inside & (sides * hits.side > GRAZING * hits.sine * length)
+        worth = shown * (view.focal_px / length) * np.sqrt(np.abs(sides) / length)
+        glossy = np.flatnonzero(hits.glossy & shown)
+        if len(glossy):
+            along = np.einsum("nk,nk->n", towards[glossy], hits.direction[glossy])
+            along /= 1.0 if view.is_parallel else length[glossy]
+            worth[glossy] *= np.clip(0.5 + 0.5 * along, 0.0, 1.0) ** GLOSSY_POWER + LEAST_MATCH
+        if view.sky_only:
+            worth[:] = 0.0
+        if view.is_parallel or (self.sky.is_cut_out and not view.sky_only):
+            worth[sky] = 0.0
+        else:
+            worth[sky] = inside[sky] * view.focal_px
         return worth * (1.0 if direct else CAPTURE_WORTH), pixels
 
-    def sees(self, view: RadianceView, ways: Ways) -> np.ndarray:
+    def sees(self, view: RadianceView, hits: Hits) -> np.ndarray:
         """(K,) whether nothing stands between a view and the hits, which lie in its frame."""
+        sky = hits.is_sky
         if view.sky_only:
-            return ways.is_sky
-        sky = ways.is_sky
-        origins, directions, lengths = view.sight(ways.point)
+            return sky
+        origins, directions, lengths = view.sight(hits.point)
         if sky.any():
             origins, directions = origins.copy(), directions.copy()
-            directions[sky] = ways.direction[sky]
-            origins[sky] = view.sky_sight(ways.direction[sky])
+            directions[sky] = hits.direction[sky]
+            origins[sky] = view.sky_sight(hits.direction[sky])
         distance, triangle = self.caster.cast(origins, directions)
-        met = (triangle == ways.triangle) | (distance >= lengths * (1.0 - SKIN))
+        met = (triangle == hits.triangle) | (distance >= lengths * (1.0 - SKIN))
         return np.where(sky, triangle < 0, met)
 
 
@@ -217,38 +265,43 @@ def show(scene: Scene, views: Views, ways: Ways) -> Shown:
     chosen[known] = KNOWN
     rows = np.flatnonzero(~known)
     numbered = {number: view for number, view in enumerate(views) if view is not None}
+    hits = scene.hits(ways.take(rows))
     # All views are compared where much light comes along a way, and where what a surface shows
     # depends on where it is seen from. Else the direct picture shows what it can.
-    compared = (scene.is_glossy(ways) | (ways.weight > STRONG))[rows]
-    _choose(scene, numbered, ways, rows[compared], chosen, pixels)
-    rest = rows[~compared]
-    _choose(scene, {0: numbered[0]}, ways, rest, chosen, pixels)
+    compared = hits.glossy | (ways.weight[rows] > STRONG)
+    some, rest = np.flatnonzero(compared), np.flatnonzero(~compared)
     captures = {number: view for number, view in numbered.items() if number}
-    _choose(scene, captures, ways, rest[chosen[rest] == UNSEEN], chosen, pixels)
+    _choose(scene, numbered, hits.take(some), rows[some], chosen, pixels)
+    _choose(scene, {0: numbered[0]}, hits.take(rest), rows[rest], chosen, pixels)
+    rest = rest[chosen[rows[rest]] == UNSEEN]
+    _choose(scene, captures, hits.take(rest), rows[rest], chosen, pixels)
     return Shown(chosen, pixels)
 
 
-def _choose(scene: Scene, views: dict[int, RadianceView], ways: Ways, rows, chosen, pixels) -> None:
+def _choose(scene: Scene, views: dict[int, RadianceView], hits: Hits, rows, chosen, pixels) -> None:
     """Put the view that shows each of some ways' hits best, and its pixels there, into arrays."""
     if not len(rows) or not views:
         return
     numbers = list(views)
-    some = ways.take(rows)
-    judged = [scene.worth(views[number], some, number == 0) for number in numbers]
-    worth = np.stack([w for w, _ in judged])
+    judged = [scene.worth(views[number], hits, number == 0) for number in numbers]
+    worth = np.stack([w for w, _ in judged], axis=1)
+    left = np.arange(len(rows))
     for _ in numbers:
-        best = worth.argmax(axis=0)
-        live = worth[best, np.arange(len(rows))] > 0.0
+        best = worth[left].argmax(axis=1)
+        shown = worth[left, best] > 0.0
+        left, best = left[shown], best[shown]
+        lacking = []
         for place, number in enumerate(numbers):
-            here = np.flatnonzero(live & (best == place))
+            here = left[best == place]
             if not len(here):
                 continue
-            seen = scene.sees(views[number], some.take(here))
-            found = here[seen]
+            seen = scene.sees(views[number], hits.take(here))
+            found, hidden = here[seen], here[~seen]
             chosen[rows[found]] = number
             pixels[rows[found]] = judged[place][1][found]
-            worth[place, here] = 0.0
-            worth[:, found] = 0.0
+            worth[hidden, place] = 0.0
+            lacking.append(hidden)
+        left = np.concatenate([left[:0], *lacking])
 
 
 def place_captures(
@@ -271,14 +324,17 @@ def place_captures(
     most : captures at most. aspect : height of a pixel over its width.
     near : metres, the least distance from where a camera sees.
     """
-    rows = np.arange(0, len(ways), max(1, len(ways) // (TRIED * 5)))
+    rows = np.arange(0, len(ways), max(1, len(ways) // JUDGED))
     ways, spacing = ways.take(rows), spacing[rows]
     known = scene.is_known(ways)
     total = ways.weight.sum()
-    shown = _quality(scene, direct, ways, spacing)
+    hits = scene.hits(ways)
+    shown = _seen(scene, direct, hits, _quality(scene, direct, hits, spacing))
     # No capture shows a sky that the film leaves out.
     shown[known | (ways.is_sky & scene.sky.is_cut_out)] = 1.0
+    begin = shown
     captures: list[RadianceView] = []
+    qualities: list[np.ndarray] = []
     while len(captures) < most and len(ways):
         lacking = ways.weight * (1.0 - shown)
         unseen = ways.weight[shown == 0.0].sum()
@@ -288,29 +344,57 @@ def place_captures(
         if not len(some):
             break
         left = replace(ways.take(some), weight=lacking[some])
-        found = _best_capture(scene, direct, left, spacing[some], shown[some], aspect, near)
+        found = _best_capture(
+            scene, direct, left, hits.take(some), spacing[some], shown[some], aspect, near
+        )
         if found is None:
             break
         view, quality = found
         captures.append(view)
-        shown[some] = np.maximum(shown[some], quality)
+        qualities.append(np.zeros(len(ways)))
+        qualities[-1][some] = quality
+        shown = np.maximum(shown, qualities[-1])
+    for number in reversed(range(len(captures))):
+        # Some captures show little that those after them do not show as well.
+        others = qualities[:number] + qualities[number + 1 :]
+        without = np.maximum.reduce([begin, *others])
+        unseen = ways.weight[without == 0.0].sum()
+        less = (ways.weight * (shown - without)).sum()
+        if unseen < DISPENSABLE * total and less < DULLER * total:
+            shown = without
+            del captures[number], qualities[number]
     return captures
 
 
-def _quality(scene: Scene, view: RadianceView, ways: Ways, spacing: np.ndarray) -> np.ndarray:
-    """(K,) how well a view shows hits: 0 not at all, `SEEN` at least, 1 pixel for pixel."""
-    worth, _ = scene.worth(view, ways, True)
-    here = np.flatnonzero(worth > 0.0)
-    here = here[scene.sees(view, ways.take(here))]
-    quality = np.zeros(len(ways))
+def _quality(scene: Scene, view: RadianceView, hits: Hits, spacing: np.ndarray) -> np.ndarray:
+    """(K,) how well a view shows hits that nothing hides: 0 not at all, else from `SEEN` to 1."""
+    worth, _ = scene.worth(view, hits, True)
+    shown = np.flatnonzero(worth > 0.0)
+    quality = np.zeros(len(hits))
     # The sky has no fine detail.
-    fine = np.where(ways.is_sky[here], 1.0, np.minimum(worth[here] * spacing[here], 1.0))
-    quality[here] = SEEN + (1.0 - SEEN) * fine
+    fine = np.where(hits.is_sky[shown], 1.0, np.minimum(worth[shown] * spacing[shown], 1.0))
+    quality[shown] = SEEN + (1.0 - SEEN) * fine
     return quality
 
 
+def _seen(scene: Scene, view: RadianceView, hits: Hits, quality: np.ndarray) -> np.ndarray:
+    """(K,) the quality of hits that a view sees, 0 of the others."""
+    here = np.flatnonzero(quality > 0.0)
+    hidden = here[~scene.sees(view, hits.take(here))]
+    found = quality.copy()
+    found[hidden] = 0.0
+    return found
+
+
 def _best_capture(
-    scene: Scene, direct: RadianceView, ways: Ways, spacing, shown, aspect: float, near: float
+    scene: Scene,
+    direct: RadianceView,
+    ways: Ways,
+    hits: Hits,
+    spacing: np.ndarray,
+    shown: np.ndarray,
+    aspect: float,
+    near: float,
 ):
     """The capture that adds most, by the ways' weights, and how well (K,) it shows each."""
     kinds, kind = np.unique(ways.path, return_inverse=True)
@@ -321,18 +405,35 @@ def _best_capture(
     tried = [(virtual_eye(p.origin, p.direction, p.weight), p) for p in parts]
     # From where the light leaves the glass it sees what the exit rays see.
     tried += [(np.average(p.origin, axis=0, weights=p.weight), p) for p in parts]
-    best = None
-    for eye, part in tried:
-        for opened in (part, ways):
-            view = _capture_from(eye, opened, direct, aspect, near)
-            if view is None:
-                continue
-            quality = _quality(scene, view, ways, spacing)
-            # What lacks counts by its share: ways.weight holds what each lacks already.
-            gain = (ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum()
-            if gain > 0.0 and (best is None or gain > best[0]):
-                best = gain, view, quality
-    return None if best is None else best[1:]
+
+    def gain(quality: np.ndarray) -> float:
+        # What lacks counts by its share: ways.weight holds what each lacks already.
+        return float((ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum())
+
+    views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, ways)]
+    judged = [(v, _quality(scene, v, hits, spacing)) for v in views if v is not None]
+    most = [gain(quality) for _, quality in judged]
+    best, found = 0.0, None
+    # No view adds more than if nothing hid its hits: most need no look.
+    for number in np.argsort([-value for value in most], kind="stable"):
+        if most[number] <= best:
+            break
+        view, quality = judged[number]
+        quality = _seen(scene, view, hits, quality)
+        if gain(quality) > best:
+            best, found = gain(quality), (view, quality)
+    if found is None:
+        return None
+    # No finer than the picture: what it shows takes fewer of its pixels then, and of its time.
+    worth, _ = scene.worth(found[0], hits, True)
+    fine = np.flatnonzero((found[1] > 0.0) & np.isfinite(spacing) & ~hits.is_sky)
+    if not len(fine):
+        return found
+    too_fine = weighted_median(worth[fine] * spacing[fine], ways.weight[fine])
+    if too_fine <= 1.0:
+        return found
+    view = found[0].opened(too_fine)
+    return view, _seen(scene, view, hits, _quality(scene, view, hits, spacing))
 
 
 def _capture_from(eye, ways: Ways, direct: RadianceView, aspect: float, near: float):

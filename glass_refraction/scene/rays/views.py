@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,15 @@ NARROWEST = np.radians(2.0)
 """Half angle that a capture opens to at least: float32 cameras stay exact."""
 MARGIN = 1.04
 """What a capture shows more than it must, for its pixel filter and the spline of a lookup."""
+
+
+LEAST_AHEAD = 1e-12
+"""Metres before the eye from where on a place is projected."""
+
+
+def squares(vectors: np.ndarray) -> np.ndarray:
+    """Squared lengths (N,) of vectors (N, 3)."""
+    return np.einsum("nk,nk->n", vectors, vectors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,40 +64,49 @@ class RadianceView:
         width, height = self.size
         return 0.5 * min(abs(self.projection[0, 0]) * width, abs(self.projection[1, 1]) * height)
 
+    def local(self, points: np.ndarray) -> np.ndarray:
+        """World points (N, 3) in camera space."""
+        return points @ self.to_camera[:3, :3].T + self.to_camera[:3, 3]
+
     def pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Frame pixels (N, 2) of world points, and which (N,) lie in what is drawn."""
-        return self._project(points @ self.to_camera[:3, :3].T + self.to_camera[:3, 3])
+        return self.project(self.local(points), self.near)
 
     def pixels_of_sky(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same of points infinitely far away in world directions (N, 3)."""
         if self.is_parallel:
             return np.zeros((len(directions), 2)), np.zeros(len(directions), bool)
-        return self._project(directions @ self.to_camera[:3, :3].T, near=0.0)
+        return self.project(directions @ self.to_camera[:3, :3].T, 0.0)
 
-    def _project(self, local: np.ndarray, near: float | None = None):
-        near = self.near if near is None else near
+    def project(self, local: np.ndarray, near: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of places (N, 3) in camera space, from ``near`` metres on."""
         p = self.projection
         ahead = -local[:, 2]
-        if self.is_parallel:
-            w = np.ones(len(local))
-            ndc = local[:, :2] * (p[0, 0], p[1, 1]) + (p[0, 3], p[1, 3])
-        else:
-            w = np.where(ahead > 1e-12, ahead, 1.0)
-            ndc = (local[:, :2] * (p[0, 0], p[1, 1]) + local[:, 2:] * (p[0, 2], p[1, 2])) / w[
-                :, None
-            ]
-        found = (0.5 * ndc + 0.5) * self.size
-        x0, y0, x1, y1 = self.region
-        # The outermost half pixel has nothing to be interpolated with.
-        inside = (ahead > near) & np.all(
-            (found >= (x0 + 0.5, y0 + 0.5)) & (found <= (x1 - 0.5, y1 - 0.5)), axis=1
-        )
+        found, inside = np.empty((len(local), 2)), ahead > near
+        w = 1.0 if self.is_parallel else np.where(ahead > LEAST_AHEAD, ahead, 1.0)
+        for axis in range(2):
+            shift = p[axis, 3] if self.is_parallel else p[axis, 2] * local[:, 2]
+            ndc = (local[:, axis] * p[axis, axis] + shift) / w
+            place = (0.5 * ndc + 0.5) * self.size[axis]
+            # The outermost half pixel has nothing to be interpolated with.
+            inside &= (place >= self.region[axis] + 0.5) & (place <= self.region[axis + 2] - 0.5)
+            found[:, axis] = place
         return found, inside
 
     def uv(self, pixels: np.ndarray) -> np.ndarray:
         """Places (N, 2) in the picture, 0 to 1 from its lower left corner."""
         x0, y0, x1, y1 = self.picture
         return (pixels - (x0, y0)) / (x1 - x0, y1 - y0)
+
+    def opened(self, factor: float) -> RadianceView:
+        """The same view, what it draws by a factor wider and higher, round its middle."""
+        p = self.projection.copy()
+        for axis in range(2):
+            low, high = self.region[axis], self.region[axis + 2]
+            middle = (low + high) / self.size[axis] - 1.0
+            p[axis, axis] /= factor
+            p[axis, 2] = (p[axis, 2] + middle) / factor - middle
+        return replace(self, projection=p)
 
     def sight(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rays from where the view begins to see: origins, unit directions (N, 3), lengths (N,)."""
@@ -97,7 +115,7 @@ class RadianceView:
             origins = points - ahead[:, None] * self.forward
             return origins, np.broadcast_to(self.forward, points.shape), ahead
         towards = points - self.eye
-        length = np.linalg.norm(towards, axis=1)
+        length = np.sqrt(squares(towards))
         directions = towards / np.maximum(length, 1e-300)[:, None]
         skipped = self.near / np.maximum(directions @ self.forward, 1e-6)
         return self.eye + directions * skipped[:, None], directions, length - skipped
@@ -189,6 +207,13 @@ def _quantiles(values: np.ndarray, weights: np.ndarray, tail: float) -> tuple[fl
     summed = np.cumsum(weights[order])
     low, high = np.searchsorted(summed, np.array((0.5 * tail, 1.0 - 0.5 * tail)) * summed[-1])
     return float(values[order[low]]), float(values[order[min(high, len(order) - 1)]])
+
+
+def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """The value below which half of the weight lies."""
+    order = np.argsort(values)
+    summed = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(summed, 0.5 * summed[-1])]])
 
 
 def virtual_eye(origins: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -224,6 +224,55 @@ def instanced_glasses(
     return [obj for obj in others if obj in shown and not obj.hide_render]
 
 
+def merged_glasses(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
+) -> list[tuple[bpy.types.Object, bpy.types.Object]]:
+    """Pairs of an object and a glass whose geometry its Geometry Nodes take, but no instance of it.
+
+    What comes of that is no object of its own: no glass, and in renders nothing.
+    """
+    instanced = {
+        (i.parent.original, i.object.original)
+        for i in depsgraph.object_instances
+        if i.is_instance and i.parent is not None
+    }
+    found = []
+    for host in scene.objects:
+        trees = [
+            (modifier.node_group, modifier)
+            for modifier in host.modifiers
+            if modifier.type == "NODES" and modifier.node_group and not own(modifier.node_group)
+        ]
+        for glass in dict.fromkeys(g for tree in trees for g in _taken_objects(*tree)):
+            is_glass = glass.type == "MESH" and glass_modifier(glass) is not None
+            if is_glass and (host, glass) not in instanced:
+                found.append((host, glass))
+    return found
+
+
+def _taken_objects(
+    tree: bpy.types.NodeTree, modifier: bpy.types.NodesModifier
+) -> list[bpy.types.Object]:
+    """The objects whose geometry a modifier's node tree takes by Object Info."""
+    found = []
+    for node in tree.nodes:
+        if node.type == "GROUP" and node.node_tree is not None:
+            found += _taken_objects(node.node_tree, modifier)
+        if node.type != "OBJECT_INFO" or not node.outputs["Geometry"].is_linked:
+            continue
+        socket = node.inputs["Object"]
+        source = socket.links[0].from_socket if socket.is_linked else None
+        if source is None:
+            taken = socket.default_value
+        elif source.node.type == "GROUP_INPUT" and has_input(modifier, source.name):
+            taken = read_input(modifier, source.name)
+        else:
+            continue
+        if isinstance(taken, bpy.types.Object):
+            found.append(taken.original)
+    return found
+
+
 def is_shown(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
     """Whether a render shows the object at the moment of the depsgraph, a glass as a glass."""
     evaluated = obj.evaluated_get(depsgraph)

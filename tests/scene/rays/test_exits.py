@@ -10,7 +10,9 @@ import scenes
 
 from glass_refraction import optics
 from glass_refraction.scene.rays.exits import (
+    FINER,
     LATTICE,
+    Endings,
     PictureRays,
     _bell_means,
     _lattice,
@@ -22,6 +24,7 @@ from glass_refraction.scene.rays.exits import (
     neighbours,
     sun_light,
 )
+from glass_refraction.scene.rays.follow import unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
 from glass_refraction.scene.rays.lamps import Sun
 from glass_refraction.scene.rays.true import _filter_size
@@ -56,11 +59,15 @@ class Following:
     def __init__(self, view, follow):
         self._view, self._follow = view, follow
 
-    def ways(self, pixels, places):
+    fine_weight = 0.0
+    fresnel = True
+
+    def ways(self, pixels, places, settled=None):
         width = self._view.size[0]
         pixel = np.repeat(pixels, len(places))
         x, y = np.tile(places, (len(pixels), 1)).T
-        return self._follow(*self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y))
+        rays = self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y)
+        return unsettled(*self._follow(*rays), pixels, len(places), settled)
 
 
 def straight(origins, directions):
@@ -131,17 +138,37 @@ def test_the_filters_sigma_is_that_of_the_engine(tmp_path, engine, size, aa):
     assert np.sqrt(_edge_variance(scene, tmp_path)) == pytest.approx(sigma, rel=0.05, abs=0.02)
 
 
+def _ends(coarse, pixel, way=1.0):
+    """Endings of so much light in some pixels, and of all ways."""
+    found = np.zeros(SIZE[0] * SIZE[1])
+    found[list(pixel)] = list(pixel.values())
+    return Endings(found, np.full(len(coarse.ways), way))
+
+
+@pytest.mark.parametrize("count", [count for count, _ in FINER])
+def test_places_of_many_rays_share_no_row_and_no_column(count):
+    places = _lattice(count)
+    for axis in range(2):
+        np.testing.assert_allclose(np.sort(places[:, axis]), _bell_means(count), atol=1e-12)
+    np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=1e-12)
+    # No direction is preferred by much.
+    assert abs(np.corrcoef(places.T)[0, 1]) < 0.25
+
+
 def test_finer_rays_lie_in_their_pixels_and_share_it():
-    view = view_of()
-    pixels = np.array([5, 200, 3000])
-    rays = finer_rays(pixels, 9, 0.25, Following(view, straight))
-    assert len(rays.pixel) == 27
-    np.testing.assert_allclose(np.bincount(rays.pixel, rays.share)[pixels], 1.0)
+    follower = Following(view_of(), straight)
+    coarse = centre_rays(np.array([5, 200, 3000, 3001]), follower)
+    pixel = {5: 0.1, 200: 0.3, 3000: 1.0}
+    kept, centre, rays = finer_rays(coarse, _ends(coarse, pixel), 0.25, follower)
+    np.testing.assert_array_equal(kept, [3])
+    np.testing.assert_array_equal(centre.pixel[centre.ways.ray], [3001])
+    assert [int((rays.pixel == p).sum()) for p in pixel] == [count for count, _ in FINER]
+    np.testing.assert_allclose(np.bincount(rays.pixel, rays.share)[list(pixel)], 1.0)
     slope = rays.ways.direction[:, :2] / -rays.ways.direction[:, 2:]
     x = (slope[:, 0] * 1.5 + 1.0) * 0.5 * SIZE[0]
     y = (slope[:, 1] * 1.5 * SIZE[0] / SIZE[1] + 1.0) * 0.5 * SIZE[1]
     np.testing.assert_array_equal(np.floor(x) + SIZE[0] * np.floor(y), rays.pixel)
-    middle = [x[rays.pixel == p].mean() % 1 for p in pixels]
+    middle = [x[rays.pixel == p].mean() % 1 for p in pixel]
     np.testing.assert_allclose(middle, 0.5, atol=1e-9)
 
 
@@ -163,6 +190,33 @@ def test_rays_of_which_no_way_was_followed_are_dark_and_cover_their_pixel():
     rays = centre_rays(np.arange(10), Following(view_of(), follow))
     np.testing.assert_array_equal(rays.dark, np.arange(10) < 4)
     np.testing.assert_array_equal(rays.ways.weight, 1.0)
+
+
+def test_ways_that_do_not_end_stay_with_the_pixels_centre_and_all_light_comes():
+    """Of two ways one ends, by half of the pixel; a part of the light is never followed."""
+
+    def follow(origins, directions):
+        count = len(origins)
+        ray, path = np.tile(np.arange(count), 2), np.repeat((1, 2), count)
+        weight = np.repeat((0.3, 0.5), count)
+        keep = np.flatnonzero((path == 1) | (directions[ray, 0] > 0.0))
+        ways = sky_ways(ray, np.tile(directions, (2, 1)), weight, path).take(keep)
+        return ways, 1.0 - np.bincount(ways.ray, ways.weight, count)
+
+    follower = Following(view_of(size=(5, 3)), follow)
+    coarse = centre_rays(np.arange(15), follower)
+    middle = 7
+    rough = np.zeros(15)
+    rough[middle] = 0.3
+    ends = Endings(rough, np.where(coarse.ways.path == 1, 0.0, 0.3))
+    _, centre, finer = finer_rays(coarse, ends, 0.4, follower)
+    assert set(finer.ways.path) == {2} and set(finer.pixel) == {middle}
+    there = centre.pixel[centre.ways.ray] == middle
+    np.testing.assert_array_equal(centre.ways.path[there], [1])
+    share = finer.share[finer.ways.ray]
+    light = np.bincount(centre.pixel[centre.ways.ray], centre.ways.weight, 15)
+    light += np.bincount(finer.pixel[finer.ways.ray], finer.ways.weight * share, 15)
+    np.testing.assert_allclose(light, 1.0)
 
 
 def test_light_that_was_not_followed_goes_with_what_was():
@@ -215,7 +269,8 @@ def test_neighbours_of_no_ways():
     found = neighbours(rays, SIZE)
     assert all(len(part) == 0 for pair in (found.ahead, found.behind) for part in pair)
     shown = Shown(np.zeros(0, int), np.zeros((0, 2)))
-    assert not ending(rays, found, shown, np.zeros(0, int), SIZE).any()
+    ends = ending(rays, found, shown, np.zeros(0, int), SIZE)
+    assert not ends.pixel.any() and not len(ends.way)
 
 
 def test_where_all_is_smooth_nothing_ends():
@@ -225,11 +280,14 @@ def test_where_all_is_smooth_nothing_ends():
     y, x = np.divmod(rays.pixel[rays.ways.ray], SIZE[0])
     shown = Shown(np.zeros(count, int), np.stack((x, y), axis=1) + 0.5)
     label = np.zeros(count, int)
-    assert not ending(rays, beside, shown, label, SIZE).any()
+    ends = ending(rays, beside, shown, label, SIZE)
+    assert not ends.pixel.any() and not ends.way.any()
     # Another thing in the right half: pixels on either side of its border, whole columns.
     label[x >= 30] = 1
     shown.view[x >= 30] = 1
-    rough = ending(rays, beside, shown, label, SIZE).reshape(SIZE[::-1])
+    ends = ending(rays, beside, shown, label, SIZE)
+    np.testing.assert_array_equal(ends.pixel, ends.way)
+    rough = ends.pixel.reshape(SIZE[::-1])
     assert (rough[:, 29:31] > 0.2).all()
     assert not np.delete(rough, (29, 30), axis=1).any()
 

@@ -724,3 +724,31 @@ def test_the_users_nodes_before_and_behind_stay_and_work(tmp_path):
     door.remove(scene)
     links = {(x.from_node.name, x.to_node.name) for x in tree.links}
     assert links == {(layers.name, half.name), (half.name, end.name)}
+
+
+# --------------------------------------------------------------------------------- what it takes
+
+
+def test_a_frame_takes_few_rays_and_few_casts(tmp_path):
+    """Counts of operations, which guard the time of a frame whatever else the machine does."""
+    scenes.camera()
+    _wall()
+    scene = _scene(160, 120, samples=1)
+    scenes.glass(shape="CYLINDER", radius=0.04)
+    before = dict(door.counters)
+    scenes.picture(scene, tmp_path, "first")
+    status = door.memory_of(scene).status
+
+    def since(name):
+        return door.counters[name] - before.get(name, 0)
+
+    assert status.covered > 2000
+    # One a pixel where ways are smooth, and of what glasses may cover a part is beside them.
+    assert status.rays < 5 * status.covered
+    assert status.ways < 14 * status.covered
+    # Five a place for captures, and a few for the hits of centres and of further rays.
+    assert since("casts") < 60
+    assert since("cast_rays") < 40 * status.covered
+    traced = door.counters["exit_rays"]
+    scenes.picture(scene, tmp_path, "again")
+    assert door.counters["exit_rays"] == traced

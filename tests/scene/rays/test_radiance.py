@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Light that is known without a view: worlds of one colour, lamps, stand-ins."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
 import scenes
 
+from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene.rays.hits import KNOWN, UNSEEN, Shown, Ways
 from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.radiance import (
+    UNLIMITED,
+    Clamp,
     known_light,
     stand_ins,
 )
@@ -142,3 +147,48 @@ def test_no_ways_need_no_stand_in():
     shown = Shown(np.zeros(0, int), np.zeros((0, 2)))
     found, guessed = stand_ins(_things(Look()), ways, shown)
     assert len(found.view) == len(guessed) == 0
+
+
+def test_light_of_one_sample_is_clamped_as_the_engine_does():
+    ways = replace(
+        _ways(np.zeros((4, 3)), [-1] * 4),
+        weight=np.array([1.0, 0.5, 0.5, 0.5]),
+        colour=np.array([[1.0, 1.0, 1.0], [0.5, 0.5, 0.5], [0.5, 0.5, 0.5], [0.05, 0.05, 0.05]]),
+        events=np.array([1, 2, 2, 2]),
+    )
+    clamp = Clamp(0.0, 10.0)
+    light = clamp.limited((900.0, 600.0, 300.0), ways)
+    # A mirror image counts as direct light. Fresnel's part is no part of a sample, a tint is.
+    np.testing.assert_allclose(light[0], (900, 600, 300))
+    np.testing.assert_allclose(light[1:3], [(15, 10, 5)] * 2)
+    np.testing.assert_allclose(light[3], (150, 100, 50))
+    np.testing.assert_allclose(clamp.limited((3.0, 2.0, 1.0), ways), [(3, 2, 1)] * 4)
+    np.testing.assert_allclose(
+        UNLIMITED.limited((900.0, 600.0, 300.0), ways), [(900, 600, 300)] * 4
+    )
+
+
+def test_rough_surfaces_gather_a_small_lamp_in_every_sample():
+    ways = replace(_ways(np.zeros((2, 3)), [-1, -1]), events=np.array([2, 2]))
+    ways = replace(ways, rough=np.array([False, True]))
+    light = Clamp(0.0, 10.0).limited((1000.0, 1000.0, 1000.0), ways, np.array([0.005, 0.005]))
+    np.testing.assert_allclose(light, [(0.05,) * 3, (5.0,) * 3])
+
+
+def test_a_suns_image_in_a_glass_is_as_bright_as_in_cycles(tmp_path):
+    """A sun of 20 degrees behind a ball, far brighter than what samples may have."""
+    scenes.camera()
+    scene = scenes.settings(48, 36, samples=4, shading="TRUE", surface="GLASS")
+    scene.cycles.sample_clamp_indirect = 2.0
+    scene.world = None
+    scenes.glass(shape="SPHERE", radius=0.06, wall_thickness=0.0, location=(0.0, 0.0, 0.08))
+    light = bpy.data.lights.new("Sun", "SUN")
+    light.angle, light.energy = np.radians(20.0), 30.0
+    lamp = bpy.data.objects.new("Sun", light)
+    lamp.rotation_euler = (-1.9, 0.0, 0.2)
+    scene.collection.objects.link(lamp)
+    found = scenes.picture(scene, tmp_path)[18:30, 20:36, 1]
+    wanted = render_reference(scene, samples=128)[18:30, 20:36, 1]
+    assert wanted.max() == pytest.approx(2.0, rel=0.1)
+    assert found.max() == pytest.approx(wanted.max(), rel=0.02)
+    assert found.mean() == pytest.approx(wanted.mean(), rel=0.05)

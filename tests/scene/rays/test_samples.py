@@ -18,9 +18,11 @@ from glass_refraction.scene.rays.sum_tree import (
     SPLINE_REACH,
     Pictures,
     SumTree,
+    border_factors,
     spline_inverse,
     write_kernels,
 )
+from glass_refraction.scene.read.viewpoint import render_size
 
 
 def map_uv(picture, where):
@@ -124,6 +126,17 @@ def test_the_spline_inverse_makes_a_spline_go_through_the_pixels():
     assert kernel.sum() == pytest.approx(1.0, abs=1e-6)
 
 
+def test_a_white_picture_stays_white_up_to_its_border():
+    kernel = spline_inverse()
+    kernel = np.outer(kernel, kernel) / kernel.sum() ** 2
+    for size in ((40, 30), (5, 60)):
+        wide = np.zeros((size[1] + 2 * SPLINE_REACH, size[0] + 2 * SPLINE_REACH))
+        wide[SPLINE_REACH:-SPLINE_REACH, SPLINE_REACH:-SPLINE_REACH] = 1.0
+        windows = np.lib.stride_tricks.sliding_window_view(wide, kernel.shape)
+        found = np.einsum("yxij,ij->yx", windows, kernel)[..., None] * border_factors(size)[..., :3]
+        np.testing.assert_allclose(found, 1.0, atol=1e-6)
+
+
 def _composited(scene, tmp_path, fill, alpha=False):
     """Render a scene whose compositor has the sum tree of no captures; ``fill`` writes pictures."""
     tree = SumTree(scene, [], alpha=alpha).tree
@@ -141,6 +154,7 @@ def _composited(scene, tmp_path, fill, alpha=False):
     outer.links.new(group.outputs["Image"], end.inputs["Image"])
     scene.compositing_node_group = outer
     pictures = Pictures(scene)
+    pictures.write(border_factors(render_size(scene)), "border")
     fill(pictures)
     return scenes.picture(scene, tmp_path)
 
