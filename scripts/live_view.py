@@ -29,7 +29,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 FOLDER, SHADING, *SCENES = sys.argv[sys.argv.index("--") + 1 :]
 FOLDER = Path(FOLDER)
-REDRAWS = 9
+REDRAWS = 10
+"""Of each kind; an even number leaves everything where it was."""
 STEP = 0.002
 """By how much eye and objects move from redraw to redraw, metres."""
 SETTLE_SECONDS = {"SOLID": 4.0, "MATERIAL": 30.0}
@@ -139,21 +140,50 @@ def decibels(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> float:
     return float(-10.0 * np.log10(np.mean((one[where] - other[where]) ** 2)))
 
 
-def rendered(name: str, size: tuple[int, int]) -> np.ndarray:
+F12 = """
+import sys, json, bpy
+sys.path.insert(0, ROOT)
+import glass_refraction
+if not hasattr(bpy.types.Scene, "refractive_glass"):
+    glass_refraction.register()
+scene = bpy.context.scene
+scene.frame_set(FRAME)
+scene.render.engine = ENGINE
+scene.render.resolution_x, scene.render.resolution_y = SIZE
+scene.render.resolution_percentage = 100
+scene.render.image_settings.file_format = "PNG"
+for name, value in SHADING.items():
+    # Solid shading is shown so, whatever the scene's view transform.
+    scene.view_settings.view_transform = "Standard"
+    setattr(scene.display.shading, name, value)
+scene.render.filepath = PATH
+bpy.ops.render.render(write_still=True)
+"""
+"""A render in a Blender of its own: nothing of it is left here."""
+
+
+def rendered(scene_path: str, frame: int, size: tuple[int, int], path: Path) -> np.ndarray:
     """F12's picture by the engine that the view's is like."""
-    scene, shading = bpy.context.scene, area().spaces.active.shading
-    scene.render.engine = ENGINES[SHADING]
-    scene.render.resolution_x, scene.render.resolution_y = size
-    scene.render.resolution_percentage = 100
-    scene.render.image_settings.file_format = "PNG"
+    shading = area().spaces.active.shading
+    copied = {}
     if SHADING == "SOLID":
-        # The view shows it so, whatever the scene's.
-        scene.view_settings.view_transform = "Standard"
-        for setting in COPIED:
-            setattr(scene.display.shading, setting, getattr(shading, setting))
-    scene.render.filepath = str(FOLDER / f"{name}_{SHADING.lower()}_f12.png")
-    bpy.ops.render.render(write_still=True)
-    return pixels_of(bpy.data.images.load(scene.render.filepath))
+        copied = {setting: getattr(shading, setting) for setting in COPIED}
+        copied["single_color"] = tuple(copied["single_color"])
+    values = {
+        "ROOT": str(ROOT),
+        "FRAME": frame,
+        "ENGINE": ENGINES[SHADING],
+        "SIZE": size,
+        "SHADING": copied,
+        "PATH": str(path),
+    }
+    code = "\n".join(f"{name} = {value!r}" for name, value in values.items()) + F12
+    subprocess.run(
+        [bpy.app.binary_path, "-b", scene_path, "--python-expr", code],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    return pixels_of(bpy.data.images.load(str(path)))
 
 
 def save(name: str, pixels: np.ndarray) -> None:
@@ -297,7 +327,6 @@ def measure(path: str):
     fit_frame()
     yield SETTLE_SECONDS[SHADING]
     name, result = Path(path).stem, {}
-    places = {obj: obj.location.copy() for obj in bpy.context.scene.objects}
     motions = {"still": lambda k: None, "eye": move_eye, "object": mover()}
     plain = {motion: redraws(move) for motion, move in motions.items()}
     yield SETTLE_SECONDS[SHADING] / 2
@@ -308,7 +337,7 @@ def measure(path: str):
     result["first_s"], result["first_cpu_s"] = yield from final()
     yield 0.5
     screenshot(f"{name}_{SHADING.lower()}")
-    rest, glass = shot(), covered()
+    rest, glass, frame = shot(), covered(), bpy.context.scene.frame_current
     x0, y0, x1, y1 = np.round(camera_frame()).astype(int)
     # Blender evaluates the camera anew, where it is: what moves is drawn.
     bpy.context.scene.camera.location = bpy.context.scene.camera.location
@@ -339,9 +368,8 @@ def measure(path: str):
         result["memory_mib"] = [before, memory()]
         yield 0.5
     switch(False)
-    for obj, place in places.items():
-        obj.location = place
-    picture = rendered(name, (int(x1 - x0), int(y1 - y0)))
+    target = FOLDER / f"{name}_{SHADING.lower()}_f12.png"
+    picture = rendered(path, frame, (int(x1 - x0), int(y1 - y0)), target)
     rest, glass = rest[y0:y1, x0:x1], glass[y0:y1, x0:x1]
     result["f12_db"] = decibels(rest, picture[: y1 - y0, : x1 - x0], glass)
     result["beside_db"] = decibels(rest, picture, ~glass)
