@@ -692,7 +692,7 @@ def test_the_users_nodes_before_and_behind_stay_and_work(tmp_path):
     assert links == {(layers.name, half.name), (half.name, end.name)}
 
 
-# -------------------------------------------------------------------------------------- what it takes
+# ------------------------------------------------------------------------------------ what it takes
 
 
 def test_a_frame_takes_few_rays_and_few_casts(tmp_path):
