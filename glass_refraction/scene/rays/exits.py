@@ -97,7 +97,8 @@ def finer_rays(
     kept = np.flatnonzero(settled | (ends.pixel[pixel] <= least))
     ways = coarse.ways.take(kept)
     known = pixel[kept]
-    brought = np.bincount(known, ways.weight, len(ends.pixel))
+    # Of no ways at all NumPy counts in whole numbers.
+    brought = np.bincount(known, ways.weight, len(ends.pixel)).astype(float)
     wanted = brought.copy()
     within = ends.pixel[known] > least
     codes = np.sort(way_codes(known[within], ways.path[within]))
