@@ -108,7 +108,8 @@ def finer_rays(
     kept = np.flatnonzero(settled | ~rough[pixel])
     ways = coarse.ways.take(kept)
     known = pixel[kept]
-    brought = np.bincount(known, ways.weight, len(ends.pixel))
+    # Of no ways at all NumPy counts in whole numbers.
+    brought = np.bincount(known, ways.weight, len(ends.pixel)).astype(float)
     wanted = brought.copy()
     within = rough[known]
     codes = np.sort(way_codes(known[within], ways.path[within]))
