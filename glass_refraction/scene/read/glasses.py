@@ -216,12 +216,13 @@ def instanced_glasses(
     ]
     if not others:
         return []
-    shown = {i.object.original for i in depsgraph.object_instances if i.is_instance}
+    # By their names: what was deleted since the evaluation has no original any more.
+    shown = {i.object.name for i in depsgraph.object_instances if i.is_instance}
     for empty in scene.objects:
         # One that only renders show.
         if empty.instance_collection is not None:
-            shown.update(empty.instance_collection.all_objects)
-    return [obj for obj in others if obj in shown and not obj.hide_render]
+            shown.update(obj.name for obj in empty.instance_collection.all_objects)
+    return [obj for obj in others if obj.name in shown and not obj.hide_render]
 
 
 def merged_glasses(
@@ -232,7 +233,7 @@ def merged_glasses(
     What comes of that is no object of its own: no glass, and in renders nothing.
     """
     instanced = {
-        (i.parent.original, i.object.original)
+        (i.parent.name, i.object.name)
         for i in depsgraph.object_instances
         if i.is_instance and i.parent is not None
     }
@@ -245,7 +246,7 @@ def merged_glasses(
         ]
         for glass in dict.fromkeys(g for tree in trees for g in _taken_objects(*tree)):
             is_glass = glass.type == "MESH" and glass_modifier(glass) is not None
-            if is_glass and (host, glass) not in instanced:
+            if is_glass and (host.name, glass.name) not in instanced:
                 found.append((host, glass))
     return found
 
