@@ -296,7 +296,7 @@ class _Followed:
                 if not len(meeting.index):
                     continue
                 index = meeting.index + block.start
-                met.after[meeting.number][index] = meeting.beyond
+                met.after[meeting.number, index] = meeting.beyond
                 if isinstance(meeting, _Faces):
                     live.medium[meeting.number, index] = 1 - meeting.beyond
                 # Of interfaces that touch, that of the highest priority tells what happens.
