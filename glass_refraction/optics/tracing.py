@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -287,7 +288,7 @@ def _along(glass: Glass, rays: Bundle, events: str) -> Iterator[tuple[NDArray, B
 
 def stretches(
     glass: Glass, origin: ArrayLike, direction: ArrayLike, path: LightPath
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """Where a path's rays run behind the first surface that they meet.
 
     Parameters as in :func:`trace`.
@@ -295,14 +296,17 @@ def stretches(
     Returns
     -------
     origin, direction : (K, 3)
-        Beginnings and unit directions of all stretches from number 1 on, those of each ray that
-        takes the whole path.
+        Beginnings and unit directions of the stretches of rays that take the whole path: number 1
+        of each ray, then number 2 of each, and so on. Of a glass whose interfaces have names that
+        the path leaves out, the last ones only.
+    length : (K,)
+        Of each stretch, metres; infinite behind the last event.
     """
     whole = trace(glass, origin, direction, path)
     takes = np.flatnonzero(whole.valid)
     origins = np.broadcast_to(np.asarray(origin, dtype=float), whole.origin.shape)[takes]
     directions = np.atleast_2d(np.asarray(direction, dtype=float))[takes]
-    found = [(whole.origin[takes], whole.direction[takes])]
+    found = []
     if isinstance(glass, AxialGlass):
         named = path.interfaces is not None and not path.open
         for count in range(1, len(path.events)) if named else ():
@@ -312,4 +316,8 @@ def stretches(
     elif path.events:
         _, *on_the_way, _ = _along(glass, start(glass, origins, directions)[0], path.events)
         found += [(rays.origin, rays.direction) for _, rays in on_the_way]
-    return tuple(np.concatenate(part) for part in zip(*found, strict=True))
+    found.append((whole.origin[takes], whole.direction[takes]))
+    places = [place for place, _ in found]
+    lengths = [np.linalg.norm(b - a, axis=1) for a, b in pairwise(places)]
+    lengths.append(np.full(len(takes), np.inf))
+    return np.concatenate(places), np.concatenate([d for _, d in found]), np.concatenate(lengths)

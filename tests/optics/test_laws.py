@@ -102,15 +102,14 @@ def test_stretches_are_the_parts_of_a_traced_ray(path):
     whole = optics.trace(glass, eye, directions, path)
     takes = np.flatnonzero(whole.valid)
     assert len(takes) > 100
-    origin, direction = optics.stretches(glass, eye, directions, optics.LightPath(path))
-    parts = origin.reshape(len(path), -1, 3), direction.reshape(len(path), -1, 3)
-    places = [np.broadcast_to(eye, (len(takes), 3)), *parts[0][1:], parts[0][0]]
-    along = [*parts[1][1:], parts[1][0]]
+    origin, direction, length = optics.stretches(glass, eye, directions, optics.LightPath(path))
+    places = [np.broadcast_to(eye, (len(takes), 3)), *origin.reshape(len(path), -1, 3)]
+    along, length = direction.reshape(len(path), -1, 3), length.reshape(len(path), -1)
     np.testing.assert_array_equal(places[-1], whole.origin[takes])
     np.testing.assert_array_equal(along[-1], whole.direction[takes])
-    for here, there, way in zip(places[1:], places[2:], along, strict=False):
-        step = (there - here) / np.linalg.norm(there - here, axis=1)[:, None]
-        np.testing.assert_allclose(step, way, atol=1e-9)
+    for here, there, way, far in zip(places[1:], places[2:], along, length, strict=False):
+        np.testing.assert_allclose(there, here + far[:, None] * way, atol=1e-9)
+    assert np.isinf(length[-1]).all()
     radius = np.hypot(*np.moveaxis(np.array(places[1:])[..., :2], -1, 0))
     np.testing.assert_allclose(
         np.min(np.abs(radius[..., None] - glass.radius), axis=-1), 0, atol=1e-12

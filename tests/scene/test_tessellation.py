@@ -104,9 +104,10 @@ def test_one_large_quad_is_refined_to_the_tolerance_where_it_is_seen(shape, even
 
     # What the rays of the region meet must be drawn within the tolerance: trace a ray through a
     # pixel to the wall, interpolate the images of the triangle's vertices there, project.
-    # A probe has the rays of the last stretch first, and each stretch behind the first surface.
-    behind = len(probe.origin) // len(events)
-    origin, direction = probe.origin[:behind], probe.direction[:behind]
+    # A probe has the rays of each stretch behind the first surface; only the last have no end.
+    behind = np.isinf(probe.length)
+    assert behind.sum() == len(behind) // len(events)
+    origin, direction = probe.origin[behind], probe.direction[behind]
     distance = (0.3 - origin[:, 1]) / direction[:, 1]
     met = origin + distance[:, None] * direction
     images = solver.images(found.triangles.points)

@@ -407,7 +407,7 @@ def _summed(
         known_alpha=packed.known(opaque, pixel),
         reports=tuple(reports),
         unseen=unseen,
-        rays=len(rays.pixel),
+        rays=len(np.unique(ways.ray)),
         ways=len(ways),
         covered=int((covering > 0.0).sum()),
     )

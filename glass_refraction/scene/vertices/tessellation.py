@@ -35,6 +35,8 @@ SHORT_EDGE_PX = 1.0
 ACROSS_PX = 3.0
 """The same for an edge between whose ends an image slot ends."""
 
+FAR = 1e30
+"""Beyond all that a ray can meet: a number that Blender's single precision holds."""
 MOST_MET = 16
 """Triangles along one ray of a probe; another ray finds what lies behind so many."""
 FEW_POINTS = 10_000
@@ -62,11 +64,12 @@ Solve = Callable[[np.ndarray], Images]
 class Probe:
     """Rays of the region behind the first surface, to find what large faces they meet.
 
-    ``origin`` and ``direction`` (R, 3), world.
+    ``origin`` and ``direction`` (R, 3), world; ``length`` (R,), metres, how far each goes.
     """
 
     origin: np.ndarray
     direction: np.ndarray
+    length: np.ndarray
 
     def meets_box(self, points: np.ndarray, margin: float = 0.1) -> bool:
         """Whether a ray passes the points' bounding box, widened by a part of its diagonal."""
@@ -77,7 +80,7 @@ class Probe:
         second = (high + wider - self.origin) / direction
         enters = np.minimum(first, second).max(axis=1)
         leaves = np.maximum(first, second).min(axis=1)
-        return bool(np.any((leaves >= 0) & (enters <= leaves)))
+        return bool(np.any((leaves >= 0) & (enters <= np.minimum(leaves, self.length))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -453,14 +456,18 @@ def _met_by(probe: Probe, corners: np.ndarray) -> np.ndarray:
         all_triangles=True,
     )
     step = 1e-6
-    for start, direction in zip((probe.origin - middle) / size, probe.direction, strict=True):
+    rays = zip((probe.origin - middle) / size, probe.direction, probe.length / size, strict=True)
+    for start, direction, left in rays:
         place, along = Vector(start), Vector(direction)
         for _ in range(MOST_MET):
-            hit, _, number, _ = tree.ray_cast(place, along)
+            hit, _, number, way = tree.ray_cast(place, along, min(left, FAR))
             if hit is None:
                 break
             met[number] = True
             place = hit + along * step
+            left -= way + step
+            if left <= 0.0:
+                break
     return met
 
 
@@ -475,7 +482,8 @@ def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
         y0 + (np.arange(side) + 0.5) * (y1 - y0) / side,
     )
     origins, directions = view.rays(x.ravel(), y.ravel())
-    origin, direction = optics.stretches(
+    origin, direction, length = optics.stretches(
         glass.description, glass.to_local(origins), glass.direction_to_local(directions), path
     )
-    return Probe(glass.points_to_world(origin), direction @ glass.to_world[:3, :3].T)
+    turned = direction @ glass.to_world[:3, :3].T
+    return Probe(glass.points_to_world(origin), turned, length)
