@@ -72,15 +72,6 @@ class Viewpoint:
         """
         return affine(points, self._clip_matrix(), np.empty((len(points), 4)))
 
-    def lookup(self, points: np.ndarray) -> np.ndarray:
-        """The same as :meth:`clip`, over the window in place of the whole frame."""
-        matrix = self._clip_matrix()
-        w = matrix[2]
-        for axis in range(2):
-            low, high = self.window[axis], self.window[axis + 2]
-            matrix[axis] = (matrix[axis] * self.size[axis] - low * w) / (high - low)
-        return affine(points, matrix, np.empty((len(points), 4)))
-
     def _clip_matrix(self) -> np.ndarray:
         """(4, 4): all four coordinates are linear in the point."""
         x, y, _, w = self.projection @ self.to_camera
