@@ -18,18 +18,20 @@ atexit.register(shutil.rmtree, _resources, ignore_errors=True)
 os.environ["BLENDER_USER_RESOURCES"] = _resources
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config, items):
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
     """Several processes share the files among them, each file whole: modules share fixtures.
 
     One process drives all of the real Blender: it is installed once for all of its tests.
     """
-    if not config.pluginmanager.hasplugin("xdist"):
-        return
-    for item in items:
-        folder = item.path.parent
-        name = folder.name if folder.name == "real_blender" else str(item.path)
-        item.add_marker(pytest.mark.xdist_group(name))
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Files(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            path = nodeid.split("::", 1)[0]
+            return "real_blender" if "/real_blender/" in path else path
+
+    return Files(config, log)
 
 
 def _load_empty_file(bpy) -> None:
