@@ -14,7 +14,7 @@ from ..scene import update as door
 from ..scene.names import own
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.mesh_glasses import glassy_materials, interface_node, open_edges
-from ..scene.read.modifier_inputs import read_input, value_place
+from ..scene.read.modifier_inputs import has_input, read_input, value_place
 from ..scene.read.orientation import Orientation, orientation_of
 from . import bake
 from .lines import draw_lines
@@ -77,7 +77,12 @@ def draw_input(
     modifier: bpy.types.NodesModifier,
     name: str,
 ) -> None:
-    """Draw an input of the glass's modifier, to be keyframed and driven as any property."""
+    """Draw an input of the glass's modifier, to be keyframed and driven as any property.
+
+    An older file's glass may lack it: nothing is drawn then.
+    """
+    if not has_input(modifier, name):
+        return
     owner, place = value_place(modifier, name)
     items = modifier.node_group.interface.items_tree
     kind = next(i.socket_type for i in items if i.name == name and i.item_type == "SOCKET")

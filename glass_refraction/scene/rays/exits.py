@@ -15,8 +15,9 @@ from .radiance import UNLIMITED, Clamp
 
 FINER = ((4, 0.05), (6, 0.2), (12, 0.6))
 """Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
-FINER_IF_BLACK = (*FINER[:2], (28, 0.3))
-"""The same where total reflection is black: edges are harder there, and each ray has one way."""
+FINER_IF_BLACK = ((4, 0.05), (6, 0.2), (28, 0.3))
+"""The same where total reflection is black, for edges are harder there and each ray has one way; and
+for rough glass, of which each ray finds a few facets."""
 STEADY = 0.015
 """Part of a pixel's light: a way of which less ends is well shown by the pixel's centre."""
 STEADY_PX = 1.5
@@ -105,6 +106,8 @@ def finer_rays(
     pixel = coarse.pixel[coarse.ways.ray]
     rough = ends.pixel > FINER[0][1]
     settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
+    # The facets of rough glass differ from ray to ray: none stands for the pixel.
+    settled &= not follower.rough
     kept = np.flatnonzero(settled | ~rough[pixel])
     ways = coarse.ways.take(kept)
     known = pixel[kept]
@@ -113,7 +116,7 @@ def finer_rays(
     wanted = brought.copy()
     within = rough[known]
     codes = np.sort(way_codes(known[within], ways.path[within]))
-    tiers = FINER if follower.fresnel else FINER_IF_BLACK
+    tiers = FINER if follower.fresnel and not follower.rough else FINER_IF_BLACK
     limits = [limit for _, limit in tiers[1:]] + [np.inf]
     parts = []
     for (count, least), most in zip(tiers, limits, strict=True):

@@ -93,13 +93,13 @@ class Follower:
         self._skin = CONTACT * float(np.linalg.norm(high - low))
         inside = (self.boxes[:, 0] < high - self._skin) & (self.boxes[:, 1] > low + self._skin)
         self._apart = not inside.all(axis=1).any()
-        self._rough = any(glass.roughness for _, placed in self.bands for glass in placed)
+        self.rough = any(glass.roughness for _, placed in self.bands for glass in placed)
 
     @property
     def fine_weight(self) -> float:
         """Part of a ray's light that its ways must carry where a pixel has many rays."""
         # The facets of rough glasses share out the light: of each way there are many.
-        return self.min_weight * (1.0 if self._rough else FINE)
+        return self.min_weight * (1.0 if self.rough else FINE)
 
     def ways(
         self, pixels: np.ndarray, places: np.ndarray, settled: np.ndarray | None = None
