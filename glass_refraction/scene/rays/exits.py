@@ -16,7 +16,7 @@ from .radiance import UNLIMITED, Clamp
 FINER = ((4, 0.05), (6, 0.2), (12, 0.6))
 """Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
 FINER_IF_BLACK = ((4, 0.05), (6, 0.2), (28, 0.3))
-"""The same where total reflection is black, for edges are harder there and each ray has one way; and
+"""The same where total reflection is black: edges are harder there, and each ray has one way. Also
 for rough glass, of which each ray finds a few facets."""
 STEADY = 0.015
 """Part of a pixel's light: a way of which less ends is well shown by the pixel's centre."""

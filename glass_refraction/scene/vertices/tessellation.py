@@ -35,8 +35,8 @@ SHORT_EDGE_PX = 1.0
 ACROSS_PX = 3.0
 """The same for an edge between whose ends an image slot ends."""
 
-FAR = 1e30
-"""Beyond all that a ray can meet: a number that Blender's single precision holds."""
+FAR = 1e18
+"""Beyond all that a ray can meet: single precision holds its square, too."""
 MOST_MET = 16
 """Triangles along one ray of a probe; another ray finds what lies behind so many."""
 FEW_POINTS = 10_000
@@ -485,5 +485,8 @@ def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
     origin, direction, length = optics.stretches(
         glass.description, glass.to_local(origins), glass.direction_to_local(directions), path
     )
+    if path.interfaces is not None:
+        # A cup's things lie across its surfaces: they are split where they go on, too.
+        length = np.full(len(length), np.inf)
     turned = direction @ glass.to_world[:3, :3].T
     return Probe(glass.points_to_world(origin), turned, length)
