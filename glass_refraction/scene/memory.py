@@ -35,7 +35,7 @@ class Status:
     ----------
     vertices, paths, bound_px : of displaced copies.
     views : radiance views of True shading. unseen : part of the light that none of them shows.
-    rays, ways : how many were followed and found. covered : pixels that any glass covers.
+    rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     milliseconds : of the last update. problems : a line for each thing that is not shown.
     """
 

@@ -20,6 +20,7 @@ from ..scene.read.viewpoint import Viewpoint
 from . import glsl, vertex_glsl
 from .bending import SLAB, TUBE, Bending, ByRays, bending
 from .description import Frame, Posed
+from .paint import DESCRIPTIONS, _uniform
 from .things import Placed, Things
 from .vertex_glsl import MOST_DRAWN
 
@@ -106,7 +107,7 @@ class Displaced:
                 depth_slot=self._depth, color_slots=[{"texture": self._picture, "layer": slot}]
             )
             # Kept: a buffer that nobody holds is gone before it is read.
-            block = _buffer(one.block(self._view, self._frame, raster))
+            block = _uniform(one.block(self._view, self._frame, raster))
             self._blocks.append(block)
             with target.bind():
                 target.clear(color=(0.0, 0.0, 0.0, 0.0), depth=1.0)
@@ -196,18 +197,11 @@ def _raster(view: tuple[int, int], size: tuple[int, int], jitter, divisor: int) 
     return matrix
 
 
-def _buffer(block: np.ndarray):
-    block = np.ascontiguousarray(block, np.float32).ravel()
-    return gpu.types.GPUUniformBuf(gpu.types.Buffer("FLOAT", len(block), block))
-
-
 def picture_shader():
     """The ray shader that takes what was drawn displaced."""
     if "picture" not in _shaders:
         info = gpu.types.GPUShaderCreateInfo()
         info.vertex_in(0, "VEC2", "corner")
-        from .paint import DESCRIPTIONS
-
         known = DESCRIPTIONS["picture"]
         for kind, name in known["constants"]:
             info.push_constant(kind, name)
@@ -290,7 +284,7 @@ def apparent_points(
     vertices.attr_fill("pos", np.ascontiguousarray(points, np.float32))
     texture = gpu.types.GPUTexture((side, side), format="RGBA32F")
     target = gpu.types.GPUFrameBuffer(color_slots=[texture])
-    buffer = _buffer(block)
+    buffer = _uniform(block)
     with target.bind():
         target.clear(color=(0.0, 0.0, 0.0, 0.0))
         gpu.state.viewport_set(0, 0, side, side)

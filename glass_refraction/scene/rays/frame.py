@@ -116,7 +116,7 @@ class FrameResult:
     alphas : weights without tints of the same samples.
     spread, beside, known, known_alpha : see :mod:`sum_tree`.
     reports : of each view. unseen : part of the hits' light that no view shows.
-    rays, ways : how many were followed and found. covered : pixels that any glass covers.
+    rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     """
 
     cameras: tuple[RadianceView | None, ...]
