@@ -65,6 +65,9 @@ MOST_GROWTH = 4.0
 LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
+SETTLED = 2
+"""Redraws in a row without a material being compiled, after which an engine shows no stand-ins.
+What was compiled is taken up between redraws: the first one may still have shown some."""
 EDGES = "Edges in Viewport"
 LINE_SIZE, LINE_PLACE = 12.0, (24.0, 24.0)
 """Of the line of text: its size, and where it begins from the lower left corner, pixels."""
@@ -95,6 +98,8 @@ class _View:
         self.began = 0.0
         self.final = self.waits = False
         """All samples are there; a redraw is due before more can be added."""
+        self.settled = 0
+        """Redraws since a change or a compiled material, see `SETTLED`."""
         self.stage = MOVING
         self.layers = (1, 2)
         self.gpu_seconds = 0.0
@@ -288,6 +293,10 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         view.displaced = Displaced() if displaces else None
         model.key = ()
     told = news.news(scene)
+    if is_compiling() or (model.key != key and not context.screen.is_animation_playing):
+        view.settled = 0
+    else:
+        view.settled += 1
     if model.key != key:
         if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
             view.problems = model.problems + _unmarked(layer, True)
@@ -512,6 +521,8 @@ def _ask_for_rest() -> None:
 def _rest() -> float | None:
     """Timer: the next piece of work for a view that is at rest; then Blender sees to the user."""
     if is_rendering():
+        for view in _views.values():
+            view.settled = 0
         return PLAYING_SECONDS
     wait = None
     for window, space, region in _open_regions():
@@ -566,12 +577,19 @@ def _work(view: _View, window, space, region) -> None:
             region.tag_redraw()
             view.waits, view.changed = True, time.perf_counter()
             return
+        if space.shading.type != "SOLID" and view.settled < SETTLED:
+            # Blender 5.2 crashes where an engine's picture goes on from one with stand-ins.
+            region.tag_redraw()
+            view.waits = True
+            return
         view_3d = scene, window.view_layer, space, region
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
         until = time.perf_counter() + HOLD_SECONDS
         while captures.left and not is_compiling():
             captures.draw(view.model.frame, view.model.glasses, view_3d, turned)
             counters["faces"] += 1
+            if is_compiling():
+                view.settled = 0
             if time.perf_counter() + captures.seconds > until:
                 break
         if not captures.left:
