@@ -17,6 +17,7 @@ from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
 from .caster import Casters
 from .curtain import curtain, looked_up
+from .edges import off_edges
 from .exits import (
     PictureRays,
     centre_rays,
@@ -45,7 +46,7 @@ NEAREST = 1e-3
 FAR, FARTHER = 1e3, 1.1
 """Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
 NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
-NOISIEST, MOST_NOISE = 2.0, 0.5
+NOISIEST, MOST_NOISE = 2.0, 0.7
 """Variance of what a view shows, over that of what the direct picture shows: see `_worth`."""
 MARGIN_PX = 2
 """Pixels round a glass's outline that are looked at too."""
@@ -255,7 +256,7 @@ def _followed(
     kept, centre, finer = finer_rays(coarse, ends, sigma, follower)
     shown = Shown.joined([shown.take(kept), show(scene, views, finer.ways)])
     rays = together([centre, finer])
-    return rays, shown, views, glint
+    return rays, off_edges(scene, views, rays.ways, shown), views, glint
 
 
 def _bands(glasses: Sequence[Glass]) -> list[Band]:
