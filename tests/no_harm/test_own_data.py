@@ -436,3 +436,25 @@ def test_a_scene_that_undo_brought_back_unseen_holds_nothing(scene):
     assert _own_blocks("scenes")
     _prepare(scene)
     assert _own_blocks() == []
+
+
+def test_the_denoiser_is_copied_without_being_read(scene):
+    """A Blender that lacks the stored denoiser warns of each reading, several times a frame."""
+
+    class Unread:
+        """The scene's Cycles settings; the denoiser can not be read."""
+
+        def __init__(self, group):
+            self.group = group
+
+        def __getattr__(self, name):
+            assert name != "denoiser"
+            return getattr(self.group, name)
+
+    stored, other = 7, bpy.data.scenes.new("Other")
+    scene.cycles.bl_system_properties_get(do_create=True)["denoiser"] = stored
+    own_scenes._copy_properties(Unread(scene.cycles), Unread(other.cycles), {})
+    assert other.cycles.bl_system_properties_get()["denoiser"] == stored
+    del scene.cycles.bl_system_properties_get()["denoiser"]
+    own_scenes._copy_properties(Unread(scene.cycles), Unread(other.cycles), {})
+    assert other.cycles.bl_system_properties_get().get("denoiser") is None
