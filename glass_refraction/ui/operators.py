@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators: add a glass, make a mesh a glass, update, compare."""
+"""Operators: add a glass, make a mesh a glass, update."""
 
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -567,55 +566,11 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
         context.workspace.status_text_set(None)
 
 
-class SCENE_OT_refractive_glass_compare(bpy.types.Operator):
-    """Render the frame with real glass in Cycles and report the difference"""
-
-    bl_idname = "scene.refractive_glass_compare"
-    bl_label = "Compare with Cycles"
-
-    directory: bpy.props.StringProperty(
-        name="Folder", description="Where pictures and report are written", subtype="DIR_PATH"
-    )
-    samples: bpy.props.IntProperty(
-        name="Samples",
-        description="Of the reference; 0 takes the scene's own number",
-        default=0,
-        min=0,
-    )
-
-    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        # The reference is a tool of its own; nothing of it loads before it is asked for.
-        from ..reference.compare import compare
-
-        folder = Path(bpy.path.abspath(self.directory or "//refractive_glass_compare"))
-        manager = context.window_manager
-        manager.progress_begin(0, 100)
-        try:
-            found = compare(
-                context.scene,
-                folder,
-                samples=self.samples or None,
-                progress=lambda share: manager.progress_update(int(100 * share)),
-            )
-        except (RefractiveGlassError, RuntimeError, OSError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        finally:
-            manager.progress_end()
-        self.report({"INFO"}, f"PSNR {found['psnr_db']:.1f} dB, report in {folder}")
-        return {"FINISHED"}
-
-
 CLASSES = (
     OBJECT_OT_refractive_glass_add,
     OBJECT_OT_refractive_glass_modifier_add,
     OBJECT_OT_refractive_glass_turn_normals,
     SCENE_OT_refractive_glass_update,
-    SCENE_OT_refractive_glass_compare,
 )
 
 

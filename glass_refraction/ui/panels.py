@@ -17,12 +17,12 @@ from ..scene.read.mesh_glasses import glassy_materials, interface_node, open_edg
 from ..scene.read.modifier_inputs import has_input, read_input, value_place
 from ..scene.read.orientation import Orientation, orientation_of
 from . import bake
+from .compare import SCENE_OT_refractive_glass_compare
 from .lines import draw_lines
 from .menus import VIEW3D_MT_refractive_glass_add
 from .operators import (
     OBJECT_OT_refractive_glass_modifier_add,
     OBJECT_OT_refractive_glass_turn_normals,
-    SCENE_OT_refractive_glass_compare,
     SCENE_OT_refractive_glass_update,
 )
 
