@@ -38,6 +38,7 @@ difference"""
 
     _chosen = False
     """Whether the folder was asked for, and Blender calls with the answer."""
+    _steps = None
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -140,7 +141,9 @@ difference"""
             self._ask(self._steps.send(value))
         except StopIteration as end:
             self.cancel(context)
-            show_picture(self._folder() / PICTURE)
+            path = self._folder() / PICTURE
+            # A window that opens within a modal operator keeps the operator from ending.
+            bpy.app.timers.register(lambda: show_picture(path), first_interval=0.0)
             return self._end(end.value)
         except _TROUBLE as error:
             self.cancel(context)
@@ -160,7 +163,10 @@ difference"""
             self._work = self._threads.submit(request)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Leave all as it was. Also called by Blender, when it closes the operator's window."""
+        """Leave all as it was. Also called by Blender, when it closes the operator's window, and
+        where no folder was chosen."""
+        if self._steps is None:
+            return
         self._steps.close()
         self._threads.shutdown()
         context.preferences.view.render_display_type = self._display
@@ -170,7 +176,7 @@ difference"""
             context.workspace.status_text_set(None)
 
 
-def show_picture(path: Path) -> bpy.types.Image:
+def show_picture(path: Path) -> None:
     """Show a file in an Image Editor: one that is open, else in a new window."""
     image = bpy.data.images.load(str(path), check_existing=True)
     image.reload()
@@ -179,17 +185,16 @@ def show_picture(path: Path) -> bpy.types.Image:
         (w, a) for w in manager.windows for a in w.screen.areas if a.ui_type == "IMAGE_EDITOR"
     ]
     if not places:
-        bpy.ops.wm.window_new()
+        with bpy.context.temp_override(window=manager.windows[0]):
+            bpy.ops.wm.window_new()
         window = manager.windows[-1]
-        area = window.screen.areas[0]
-        area.ui_type = "IMAGE_EDITOR"
-        places = [(window, area)]
+        places = [(window, window.screen.areas[0])]
     window, area = places[0]
+    area.ui_type = "IMAGE_EDITOR"
     area.spaces.active.image = image
     region = next(r for r in area.regions if r.type == "WINDOW")
     with bpy.context.temp_override(window=window, area=area, region=region):
         bpy.ops.image.view_all(fit_view=True)
-    return image
 
 
 register, unregister = bpy.utils.register_classes_factory((SCENE_OT_refractive_glass_compare,))
