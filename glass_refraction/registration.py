@@ -14,6 +14,7 @@ from .ui import (
     operators,
     overlay,
     panels,
+    progress,
     properties,
     translations,
 )
@@ -27,6 +28,7 @@ _PARTS = (
     compare,
     menus,
     overlay,
+    progress,
     panels,
     asset_library,
     command,

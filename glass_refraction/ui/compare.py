@@ -34,11 +34,18 @@ difference"""
         default=0,
         min=0,
     )
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(
+        name="Folders",
+        description="Whether the file browser lists folders only",
+        default=True,
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
 
     _chosen = False
     """Whether the folder was asked for, and Blender calls with the answer."""
     _steps = None
+    _said: str | None = None
+    """What the status bar says; renders that go on say their own there."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -121,13 +128,14 @@ difference"""
 
     def _tell(self, context: bpy.types.Context, share: float, label: str) -> None:
         context.window_manager.progress_update(int(100 * share))
-        text = _rpt("Compare ({:.0%}): {}   Esc: cancel").format(share, _rpt(label))
-        context.workspace.status_text_set(text)
+        self._said = _rpt("Compare ({:.0%}): {}   Esc: cancel").format(share, _rpt(label))
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         # A render that goes on takes Esc for itself, and ends without a picture.
         if event.type == "ESC":
             self._stopped = True
+        if event.type == "TIMER" and self._said is not None:
+            context.workspace.status_text_set(self._said)
         if event.type != "TIMER" or bpy.app.is_job_running("RENDER"):
             return {"RUNNING_MODAL"}
         if self._work is not None and not self._work.done():

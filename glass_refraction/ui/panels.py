@@ -307,6 +307,10 @@ class _Status:
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         found = door.status(context.scene)
+        for problem in door.memory_of(context.scene).last:
+            if problem not in found.problems:
+                text = _iface("Last picture: {}").format(problem)
+                draw_lines(layout, context, text, "ERROR")
         if found.covered:
             self._draw_rays(layout, found)
         elif found.paths:
