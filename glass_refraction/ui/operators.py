@@ -25,7 +25,7 @@ from ..scene.read.mesh_glasses import (
 )
 from ..scene.read.modifier_inputs import write_input
 from ..scene.read.orientation import orientation_of, turn_all, turn_outwards
-from ..scene.read.profile_curves import turned_profile, wine_profile
+from ..scene.read.profile_curves import form_profile, turned_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 from .overlay import show_first_glass
 
@@ -45,6 +45,14 @@ OWN_MESH = (
     "MESH",
     "Mesh",
     "The object's own mesh with its modifiers, closed, or open as Cycles treats it",
+)
+
+FORMS = (
+    ("WINE", "Wine Glass", "A foot, a stem and a bowl"),
+    ("BOTTLE", "Bottle", "A bottle with a neck"),
+    ("VASE", "Vase", "A belly, a waist and a rim"),
+    ("BOWL", "Bowl", "A ball with a foot and an opening"),
+    ("LENS", "Lens", "Solid, with two curved faces; its axis is upright"),
 )
 
 HIGH = {"CYLINDER", "ROD", "TUMBLER"}
@@ -112,6 +120,9 @@ class GlassProperties:
         "first spline is the outside, its second the inside. Empty: that of the mesh where it is a "
         "turned body, else a wine glass is made",
     )
+    form: bpy.props.EnumProperty(
+        name="Form", description="The profile that is made where none is named", items=FORMS
+    )
     ior: bpy.props.FloatProperty(
         name="IOR",
         description="Index of refraction of the glass",
@@ -164,7 +175,7 @@ class GlassProperties:
             lengths["Radius"] = self.radius
         if has_size and self.shape != "ROD":
             lengths["Wall thickness"] = self.wall_thickness
-        if self.shape in HIGH:
+        if self.shape in HIGH or (turned and self._own_height is not None):
             lengths["Height"] = self.height
         if self.shape == "TUMBLER":
             lengths["Bottom thickness"] = self.bottom_thickness
@@ -191,6 +202,11 @@ class GlassProperties:
                 self.bottom_thickness, self.height
             )
         return None
+
+    @property
+    def _own_height(self) -> float | None:
+        """Height that was asked for; None: that of the shape."""
+        return self.height if self.properties.is_property_set("height") else None
 
     makes_outline = False
     """Whether a slab's outline is made from the radius; else the object's mesh is the outline."""
@@ -219,7 +235,10 @@ class GlassProperties:
         if self.shape == "REVOLUTION":
             profile = bpy.data.objects.get(self.profile)
             if profile is None:
-                profile = wine_profile(obj) if lathe is None else turned_profile(obj, lathe)
+                if lathe is None:
+                    profile = form_profile(obj, self.form, self._own_height)
+                else:
+                    profile = turned_profile(obj, lathe)
             write_input(modifier, "Profile", profile)
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -232,6 +251,9 @@ class GlassProperties:
         has_size = self.shape not in {"REVOLUTION", "MESH"}
         if self.shape == "REVOLUTION":
             column.prop_search(self, "profile", bpy.data, "objects")
+            if not self.profile:
+                column.prop(self, "form")
+                column.prop(self, "height")
             column.prop(self, "liquid_level")
         elif has_size and (self.shape != "SLAB" or self.makes_outline):
             column.prop(self, "radius")
@@ -266,7 +288,7 @@ class OBJECT_OT_refractive_glass_add(bpy.types.Operator, AddObjectHelper, GlassP
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return _can_edit(cls, context)
+        return can_edit(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         self.take_media()
@@ -320,7 +342,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
         if obj is None or obj.type != "MESH":
             cls.poll_message_set(_rpt("Select a mesh object: it becomes the glass"))
             return False
-        return _can_edit(cls, context)
+        return can_edit(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj = context.object
@@ -419,7 +441,7 @@ class OBJECT_OT_refractive_glass_turn_normals(bpy.types.Operator):
         if obj is None or obj.type != "MESH" or glass_modifier(obj) is None:
             cls.poll_message_set(_rpt("Select a glass that is a mesh"))
             return False
-        return _can_edit(cls, context)
+        return can_edit(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj = context.object
@@ -460,7 +482,7 @@ class OBJECT_OT_refractive_glass_turn_normals(bpy.types.Operator):
         return found
 
 
-def _can_edit(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+def can_edit(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
     """Whether objects can be added and changed now; tells the reason where not."""
     if context.mode != "OBJECT":
         operator.poll_message_set(_rpt("Go to Object Mode first"))

@@ -170,5 +170,8 @@ def test_own_scenes_show_no_panels():
 def test_the_menu_offers_shapes_and_presets():
     shown = _Layout()
     menus.VIEW3D_MT_refractive_glass_add.draw(type("_", (), {"layout": shown})(), bpy.context)
-    assert {"Slab", "Cylinder", "Rod", "Sphere", "Tumbler"} <= set(shown.drawn)
     assert {preset.label for preset in presets.PRESETS} <= set(shown.drawn)
+    shapes = _Layout()
+    menus.VIEW3D_MT_refractive_glass_shapes.draw(type("_", (), {"layout": shapes})(), bpy.context)
+    assert {"Slab", "Cylinder", "Rod", "Sphere", "Tumbler"} <= set(shapes.drawn)
+    assert "VIEW3D_MT_refractive_glass_shapes" in shown.drawn
