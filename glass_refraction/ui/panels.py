@@ -407,7 +407,7 @@ class VIEW3D_PT_refractive_glass_object(_Glass, _Sidebar, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         if _Glass.poll(context):
-            super().draw(context)
+            _Glass.draw(self, context)
             return
         layout = self.layout
         layout.menu(VIEW3D_MT_refractive_glass_add.bl_idname, text="Add Glass", icon="ADD")

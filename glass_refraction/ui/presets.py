@@ -116,6 +116,8 @@ TANK, TANK_WALL, TANK_LEVEL = (0.6, 0.3, 0.36), 0.008, 0.30
 """An aquarium, metres: width, depth and height outside; its walls; where the water ends."""
 OVERLAP = 0.001
 """Metres by which water reaches into the walls: so glass and water touch."""
+ABOVE_TABLE = (0.0, 0.0, 0.0005)
+"""Where a tank stands, metres: rounding would decide between its floor and a table in one plane."""
 
 
 def _tank() -> tuple[Part, Part]:
@@ -130,8 +132,14 @@ def _tank() -> tuple[Part, Part]:
     water = _box(width - 2 * into, depth - 2 * into, into, TANK_LEVEL)
     box = [(3, 2, 1, 0), *_sides(0), (4, 5, 6, 7)]
     return (
-        Part({"ior": GLASS}, vertices=np.concatenate((outside, inside)), faces=faces, priority=1),
-        Part({"ior": WATER}, vertices=water, faces=box, name="Water"),
+        Part(
+            {"ior": GLASS},
+            ABOVE_TABLE,
+            vertices=np.concatenate((outside, inside)),
+            faces=faces,
+            priority=1,
+        ),
+        Part({"ior": WATER}, ABOVE_TABLE, vertices=water, faces=box, name="Water"),
     )
 
 

@@ -285,3 +285,14 @@ def test_a_linked_collection_takes_no_glass(tmp_path):
     with pytest.raises(RuntimeError, match=r"Borrowed.*linked"):
         bpy.ops.object.refractive_glass_add()
     assert _everything() == before
+
+
+def test_a_glass_in_edit_mode_can_be_read():
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.refractive_glass_modifier_add(shape="MESH")
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    before = read_glass(bpy.context.object, depsgraph).description.box
+    bpy.ops.object.mode_set(mode="EDIT")
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert np.array_equal(read_glass(bpy.context.object, depsgraph).description.box, before)
+    bpy.ops.object.mode_set(mode="OBJECT")
