@@ -28,11 +28,6 @@ def screenshot(name: str) -> None:
     subprocess.run(["import", "-window", "root", str(FOLDER / f"{name}.png")], check=True)
 
 
-def click(x: float, y: float) -> None:
-    """Press the left mouse button at a place of the screen, pixels from its upper left corner."""
-    subprocess.run(["xdotool", "mousemove", str(int(x)), str(int(y)), "click", "1"], check=True)
-
-
 def view_3d() -> dict:
     """Where the operators of a 3D view find it."""
     window = bpy.context.window_manager.windows[0]
@@ -65,7 +60,8 @@ def steps():
         area = bpy.context.area
         bpy.ops.object.refractive_glass_everyday_add("INVOKE_DEFAULT", kind="GLASS_OF_WATER")
         glass = bpy.context.object
-        bpy.ops.view3d.view_selected()
+        view = area.spaces.active.region_3d
+        view.view_location, view.view_distance = (0.0, 0.0, 1.3), 7.0
         bpy.ops.mesh.primitive_plane_add(size=10)
         bpy.ops.mesh.primitive_cylinder_add(
             radius=0.06, depth=3.2, location=(0, 0, 1.7), rotation=(0, math.radians(20), 0)
@@ -74,15 +70,13 @@ def steps():
         bpy.context.view_layer.objects.active = glass
         area.spaces.active.show_region_ui = True
     yield 2
-    # Scripts cannot choose a sidebar's tab. Ours is the first.
     sidebar = next(r for r in area.regions if r.type == "UI")
-    window = bpy.context.window_manager.windows[0]
-    click(sidebar.x + sidebar.width - 10, window.height - sidebar.y - sidebar.height + 25)
+    sidebar.active_panel_category = "Glass"
     yield CAPTURE_SECONDS
     screenshot("first_glass")
     scene.render.engine = "CYCLES"
-    scene.cycles.samples, scene.cycles.use_denoising = 64, False
-    scene.render.resolution_percentage = 30
+    scene.cycles.samples, scene.cycles.use_denoising = 32, False
+    scene.render.resolution_percentage = 25
     with bpy.context.temp_override(**view_3d()):
         # The view rests while the machine renders.
         bpy.context.window_manager.refractive_glass_overlay = False

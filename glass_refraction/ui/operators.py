@@ -575,11 +575,11 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
     def _end(self, found: door.Status) -> set[str]:
         for problem in found.problems:
             self.report({"WARNING"}, problem)
-        self.report(
-            {"INFO"},
-            f"{found.vertices} vertices, paths {', '.join(found.paths) or 'none'}, "
-            f"{found.milliseconds:.0f} ms, interpolation within {found.bound_px:.2f} px",
-        )
+        said = _rpt("Ready: a render computes what is seen through the glass")
+        if found.paths:
+            said = _rpt("{:,} vertices moved to where they appear, in {:.1f} s")
+            said = said.format(found.vertices, 1e-3 * found.milliseconds)
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
     def _tidy(self, context: bpy.types.Context) -> None:

@@ -5,21 +5,25 @@ import bpy
 
 
 class Layout:
-    """Takes every call of a ``UILayout``; a property or operator that is not there raises."""
+    """Takes every call of a ``UILayout``; a property or operator that is not there raises.
 
-    def __init__(self, drawn=None):
+    ``drawn`` : all labels, in order. With ``folded`` parts that are closed at first stay closed.
+    """
+
+    def __init__(self, drawn=None, folded=False):
         self.__dict__["drawn"] = [] if drawn is None else drawn
+        self.__dict__["folded"] = folded
 
     def __setattr__(self, name, value):
         assert name in bpy.types.UILayout.bl_rna.properties, name
 
     def _inner(self, *_, **__):
-        return Layout(self.drawn)
+        return Layout(self.drawn, self.folded)
 
     row = column = split = box = _inner
 
     def panel(self, name, default_closed=False):
-        return self, self
+        return self, None if default_closed and self.folded else self
 
     def separator(self):
         self.drawn.append("---")
@@ -55,9 +59,9 @@ class _Operator:
         assert name in self._kind.properties, name
 
 
-def labels_of(panel, draw="draw"):
-    """What a panel draws, by its labels, in order."""
-    shown = Layout()
+def labels_of(panel, draw="draw", folded=False):
+    """What a panel draws, by its labels, in order; ``folded``: see :class:`Layout`."""
+    shown = Layout(folded=folded)
 
     class _Panel:
         layout = shown

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What panels and menus draw, recorded by a layout that draws nothing."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from glass_refraction.scene import update as door
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.modifier_inputs import write_input
-from glass_refraction.ui import menus, panels, presets
+from glass_refraction.ui import menus, operators, panels, presets
 
 sys.path.insert(0, str(Path(__file__).parent))
 from drawing import Layout, labels_of
@@ -98,7 +99,14 @@ def test_a_modifier_that_is_off_is_told():
 def test_status_says_what_the_last_update_did():
     door.status(bpy.context.scene).paths = ("TTTT", "TRT")
     drawn = " ".join(labels_of(panels.RENDER_PT_refractive_glass_status))
-    for word in ("Vertices", "ms", "px", "TTTT: refracted 4 times", "TRT", "mirrored 1 times"):
+    for word in (
+        "Vertices",
+        "Computed in",
+        "px",
+        "TTTT: refracted 4 times",
+        "TRT",
+        "mirrored 1 times",
+    ):
         assert word in drawn
 
 
@@ -117,3 +125,31 @@ def test_the_menu_offers_shapes_and_presets():
     menus.VIEW3D_MT_refractive_glass_shapes.draw(type("_", (), {"layout": shapes})(), bpy.context)
     assert {"Slab", "Cylinder", "Rod", "Sphere", "Tumbler"} <= set(shapes.drawn)
     assert "VIEW3D_MT_refractive_glass_shapes" in shown.drawn
+
+
+DEVELOPERS = re.compile(
+    r"closed form|exit ray|capture|radiance|fresnel|vertices|weight|tolerance|depsgraph|solver"
+    r"|socket|interface|bound|path|px\b|\bms\b",
+    re.I,
+)
+"""Words that only a developer knows."""
+
+
+def test_words_of_developers_are_folded_away():
+    scene = bpy.context.scene
+    shapes = [item[0] for item in operators.SHAPES]
+    said = set()
+    for shading in ("TRUE", "DISPLACED"):
+        scene.refractive_glass.shading = shading
+        door.status(scene).covered = 7 if shading == "TRUE" else 0
+        door.status(scene).paths = () if shading == "TRUE" else ("TTTT",)
+        for shape in shapes:
+            _glass(shape=shape)
+            for panel in panels.CLASSES:
+                if panel is not panels.RENDER_PT_refractive_glass_bake:
+                    said.update(labels_of(panel, folded=True))
+    menu = Layout()
+    menus.VIEW3D_MT_refractive_glass_add.draw(type("_", (), {"layout": menu})(), bpy.context)
+    said.update(label for label in menu.drawn if not label.startswith("VIEW3D"))
+    assert [text for text in said if DEVELOPERS.search(text)] == []
+    assert DEVELOPERS.search(" ".join(labels_of(panels.RENDER_PT_refractive_glass_status)))
