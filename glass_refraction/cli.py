@@ -260,8 +260,8 @@ def _compare(options: argparse.Namespace) -> None:
             setattr(scene.refractive_glass, name, getattr(options, name))
     _prepare(scene)
 
-    def progress(share: float) -> None:
-        print(f"compare: {100 * share:3.0f} %", file=sys.stderr)
+    def progress(share: float, label: str) -> None:
+        print(f"compare: {100 * share:3.0f} %: {label}", file=sys.stderr)
 
     found = compare(scene, output, samples=options.samples, progress=progress)
     print(

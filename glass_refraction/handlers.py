@@ -21,6 +21,7 @@ from .scene import changes, material_link
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
+from .scene.progress import tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
 from .scene.vertices import motion_blur
@@ -37,7 +38,10 @@ _withdrawn: set[int] = set()
 _rendering = False
 _own_rendered = False
 """Whether the render that goes on has come to an own scene."""
-LEFT_OUT = "Only a single view layer was rendered, which leaves out the glass: render all of them"
+LEFT_OUT = (
+    "A single view layer was rendered, without the cameras that show the rest of what is seen in "
+    "the glass: render all of them (F12)"
+)
 
 
 def request_update(scene: bpy.types.Scene | None, seconds: float = REST_SECONDS) -> None:
@@ -149,6 +153,8 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
     global _own_rendered
     if own(scene):
         _own_rendered = True
+        if depsgraph.mode == "RENDER":
+            tell("rendering what else is seen in the glass")
         if own(scene, "displaced") and depsgraph.mode == "RENDER" and scene.render.use_motion_blur:
             user = user_scene_of(scene)
             if user is not None:
@@ -170,6 +176,8 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
     if not own(scene):
         _own_rendered = False
     _rendering = True
+    if not own(scene):
+        door.memory_of(scene).last = []
     if threading.current_thread() is not threading.main_thread() or own(scene):
         return
     _prepare(scene)
@@ -183,14 +191,23 @@ def _on_render_frame(scene: bpy.types.Scene, *_) -> None:
 
 
 @persistent
+def _on_render_complete(scene: bpy.types.Scene, *_) -> None:
+    if not own(scene):
+        wants_own = scene.render.use_compositing and _asks_for_own(scene)
+        if wants_own and not _own_rendered:
+            door.status(scene).problems.append(LEFT_OUT)
+            print(f"Refractive Glass: {LEFT_OUT}")
+        door.memory_of(scene).last = list(door.status(scene).problems)
+    _on_render_end(scene)
+
+
+@persistent
 def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = False
+    tell(None)
     if own(scene):
         return
-    if scene.render.use_compositing and _asks_for_own(scene) and not _own_rendered:
-        door.status(scene).problems.append(LEFT_OUT)
-        print(f"Refractive Glass: {LEFT_OUT}")
     if threading.current_thread() is threading.main_thread():
         door.free_leftovers()
     else:
@@ -253,7 +270,7 @@ _TABLE = (
     ("frame_change_post", _on_frame_change),
     ("render_init", _on_render_init),
     ("render_pre", _on_render_frame),
-    ("render_complete", _on_render_end),
+    ("render_complete", _on_render_complete),
     ("render_cancel", _on_render_end),
     ("undo_pre", _before_data_replaced),
     ("redo_pre", _before_data_replaced),

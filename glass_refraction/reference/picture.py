@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -29,6 +29,13 @@ _FORMAT = {
 }
 
 
+Request = bpy.types.Scene | Callable[[], object]
+"""What steps ask for: that a scene's still is rendered and written, or that a function is called.
+
+A function touches no data of Blender's, so that it may run in a thread. Its value is sent back.
+"""
+
+
 def render_picture(scene: bpy.types.Scene) -> np.ndarray:
     """Render the scene's current frame as its settings say and return what would be saved.
 
@@ -41,13 +48,32 @@ def render_picture(scene: bpy.types.Scene) -> np.ndarray:
     RuntimeError
         The render was cancelled or wrote no file.
     """
+    return finished(rendering_picture(scene))
+
+
+def rendering_picture(scene: bpy.types.Scene) -> Generator[Request, object, np.ndarray]:
+    """:func:`render_picture` in steps, for who lets Blender's window go on meanwhile."""
     with tempfile.TemporaryDirectory(prefix="refractive_glass_") as folder:
         path = Path(folder) / "picture.exr"
         with _output_to(scene, path):
-            outcome = bpy.ops.render.render(write_still=True, scene=scene.name)
-        if "FINISHED" not in outcome or not path.exists():
+            yield scene
+        if not path.exists():
             raise RuntimeError(f'the render of scene "{scene.name}" was cancelled')
         return load_picture(path)
+
+
+def finished(steps: Generator[Request, object, object]) -> object:
+    """What steps end with, where each request is met at once."""
+    value = None
+    while True:
+        try:
+            request = steps.send(value)
+        except StopIteration as end:
+            return end.value
+        if isinstance(request, bpy.types.Scene):
+            value = bpy.ops.render.render(write_still=True, scene=request.name)
+        else:
+            value = request()
 
 
 def load_picture(path: Path | str) -> np.ndarray:

@@ -97,6 +97,8 @@ class Memory:
     paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
     standing: list[str] = field(default_factory=list)
     """What was wrong when the scene was prepared; a frame's own problems come on top."""
+    last: list[str] = field(default_factory=list)
+    """What was wrong with the last picture, for who looks at it when the scene is prepared anew."""
     casters: Casters | None = None
     covered: np.ndarray | None = None
     kept: Kept | None = None

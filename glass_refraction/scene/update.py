@@ -26,6 +26,7 @@ from .build.own_scenes import find_own_scenes, remove_leftovers, remove_own_scen
 from .changes import generation
 from .memory import Status, Step, counters, forget, memory_of, status
 from .names import RefractiveGlassError
+from .progress import tell
 from .rays import true
 from .read.glasses import (
     glass_modifier,
@@ -276,11 +277,14 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Status:
 
 def finished(steps: Generator[Step, None, Status]) -> Status:
     """What an update ends with that is not asked to stop between."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
+    try:
+        while True:
+            try:
+                tell(next(steps).label)
+            except StopIteration as end:
+                return end.value
+    finally:
+        tell(None)
 
 
 def updating(

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bpy
 
+from .everyday import OBJECT_OT_refractive_glass_everyday_add
 from .operators import (
     SHAPES,
     OBJECT_OT_refractive_glass_add,
@@ -23,7 +24,7 @@ _SHAPE_ICONS = {
 
 
 class VIEW3D_MT_refractive_glass_add(bpy.types.Menu):
-    """The shapes of glass, and everyday glasses"""
+    """Everyday glasses, and below them the shapes"""
 
     bl_idname = "VIEW3D_MT_refractive_glass_add"
     bl_label = "Refractive Glass"
@@ -31,14 +32,26 @@ class VIEW3D_MT_refractive_glass_add(bpy.types.Menu):
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
         layout.operator_context = "INVOKE_REGION_WIN"
+        everyday = OBJECT_OT_refractive_glass_everyday_add.bl_idname
+        for preset in PRESETS:
+            operator = layout.operator(everyday, text=preset.label, icon=preset.icon)
+            operator.kind = preset.identifier
+        layout.separator()
+        layout.menu(VIEW3D_MT_refractive_glass_shapes.bl_idname)
+
+
+class VIEW3D_MT_refractive_glass_shapes(bpy.types.Menu):
+    """The plain shapes, for glasses of one's own sizes"""
+
+    bl_idname = "VIEW3D_MT_refractive_glass_shapes"
+    bl_label = "Shapes"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.operator_context = "INVOKE_REGION_WIN"
         add = OBJECT_OT_refractive_glass_add.bl_idname
         for shape, label, _ in SHAPES:
             layout.operator(add, text=label, icon=_SHAPE_ICONS[shape]).shape = shape
-        layout.separator()
-        for preset in PRESETS:
-            operator = layout.operator(add, text=preset.label, icon=preset.icon)
-            for name, value in preset.values.items():
-                setattr(operator, name, value)
 
 
 def _draw_add(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
@@ -58,7 +71,9 @@ def _draw_add_modifier(menu: bpy.types.Menu, context: bpy.types.Context) -> None
     )
 
 
-_register, _unregister = bpy.utils.register_classes_factory((VIEW3D_MT_refractive_glass_add,))
+_register, _unregister = bpy.utils.register_classes_factory(
+    (VIEW3D_MT_refractive_glass_shapes, VIEW3D_MT_refractive_glass_add)
+)
 
 
 def register() -> None:

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators: add a glass, make a mesh a glass, update, compare."""
+"""Operators: add a glass, make a mesh a glass, update."""
 
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -26,7 +25,7 @@ from ..scene.read.mesh_glasses import (
 )
 from ..scene.read.modifier_inputs import write_input
 from ..scene.read.orientation import orientation_of, turn_all, turn_outwards
-from ..scene.read.profile_curves import turned_profile, wine_profile
+from ..scene.read.profile_curves import form_profile, turned_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 from .overlay import show_first_glass
 
@@ -46,6 +45,14 @@ OWN_MESH = (
     "MESH",
     "Mesh",
     "The object's own mesh with its modifiers, closed, or open as Cycles treats it",
+)
+
+FORMS = (
+    ("WINE", "Wine Glass", "A foot, a stem and a bowl"),
+    ("BOTTLE", "Bottle", "A bottle with a neck"),
+    ("VASE", "Vase", "A belly, a waist and a rim"),
+    ("BOWL", "Bowl", "A ball with a foot and an opening"),
+    ("LENS", "Lens", "Solid, with two curved faces; its axis is upright"),
 )
 
 HIGH = {"CYLINDER", "ROD", "TUMBLER"}
@@ -113,6 +120,9 @@ class GlassProperties:
         "first spline is the outside, its second the inside. Empty: that of the mesh where it is a "
         "turned body, else a wine glass is made",
     )
+    form: bpy.props.EnumProperty(
+        name="Form", description="The profile that is made where none is named", items=FORMS
+    )
     ior: bpy.props.FloatProperty(
         name="IOR",
         description="Index of refraction of the glass",
@@ -165,7 +175,7 @@ class GlassProperties:
             lengths["Radius"] = self.radius
         if has_size and self.shape != "ROD":
             lengths["Wall thickness"] = self.wall_thickness
-        if self.shape in HIGH:
+        if self.shape in HIGH or (turned and self._own_height is not None):
             lengths["Height"] = self.height
         if self.shape == "TUMBLER":
             lengths["Bottom thickness"] = self.bottom_thickness
@@ -192,6 +202,11 @@ class GlassProperties:
                 self.bottom_thickness, self.height
             )
         return None
+
+    @property
+    def _own_height(self) -> float | None:
+        """Height that was asked for; None: that of the shape."""
+        return self.height if self.properties.is_property_set("height") else None
 
     makes_outline = False
     """Whether a slab's outline is made from the radius; else the object's mesh is the outline."""
@@ -220,7 +235,10 @@ class GlassProperties:
         if self.shape == "REVOLUTION":
             profile = bpy.data.objects.get(self.profile)
             if profile is None:
-                profile = wine_profile(obj) if lathe is None else turned_profile(obj, lathe)
+                if lathe is None:
+                    profile = form_profile(obj, self.form, self._own_height)
+                else:
+                    profile = turned_profile(obj, lathe)
             write_input(modifier, "Profile", profile)
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -233,6 +251,9 @@ class GlassProperties:
         has_size = self.shape not in {"REVOLUTION", "MESH"}
         if self.shape == "REVOLUTION":
             column.prop_search(self, "profile", bpy.data, "objects")
+            if not self.profile:
+                column.prop(self, "form")
+                column.prop(self, "height")
             column.prop(self, "liquid_level")
         elif has_size and (self.shape != "SLAB" or self.makes_outline):
             column.prop(self, "radius")
@@ -267,7 +288,7 @@ class OBJECT_OT_refractive_glass_add(bpy.types.Operator, AddObjectHelper, GlassP
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return _can_edit(cls, context)
+        return can_edit(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         self.take_media()
@@ -321,7 +342,7 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
         if obj is None or obj.type != "MESH":
             cls.poll_message_set(_rpt("Select a mesh object: it becomes the glass"))
             return False
-        return _can_edit(cls, context)
+        return can_edit(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj = context.object
@@ -420,7 +441,7 @@ class OBJECT_OT_refractive_glass_turn_normals(bpy.types.Operator):
         if obj is None or obj.type != "MESH" or glass_modifier(obj) is None:
             cls.poll_message_set(_rpt("Select a glass that is a mesh"))
             return False
-        return _can_edit(cls, context)
+        return can_edit(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj = context.object
@@ -461,7 +482,7 @@ class OBJECT_OT_refractive_glass_turn_normals(bpy.types.Operator):
         return found
 
 
-def _can_edit(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+def can_edit(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
     """Whether objects can be added and changed now; tells the reason where not."""
     if context.mode != "OBJECT":
         operator.poll_message_set(_rpt("Go to Object Mode first"))
@@ -554,11 +575,11 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
     def _end(self, found: door.Status) -> set[str]:
         for problem in found.problems:
             self.report({"WARNING"}, problem)
-        self.report(
-            {"INFO"},
-            f"{found.vertices} vertices, paths {', '.join(found.paths) or 'none'}, "
-            f"{found.milliseconds:.0f} ms, interpolation within {found.bound_px:.2f} px",
-        )
+        said = _rpt("Ready: a render computes what is seen through the glass")
+        if found.paths:
+            said = _rpt("{:,} vertices moved to where they appear, in {:.1f} s")
+            said = said.format(found.vertices, 1e-3 * found.milliseconds)
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
     def _tidy(self, context: bpy.types.Context) -> None:
@@ -567,55 +588,11 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
         context.workspace.status_text_set(None)
 
 
-class SCENE_OT_refractive_glass_compare(bpy.types.Operator):
-    """Render the frame with real glass in Cycles and report the difference"""
-
-    bl_idname = "scene.refractive_glass_compare"
-    bl_label = "Compare with Cycles"
-
-    directory: bpy.props.StringProperty(
-        name="Folder", description="Where pictures and report are written", subtype="DIR_PATH"
-    )
-    samples: bpy.props.IntProperty(
-        name="Samples",
-        description="Of the reference; 0 takes the scene's own number",
-        default=0,
-        min=0,
-    )
-
-    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        # The reference is a tool of its own; nothing of it loads before it is asked for.
-        from ..reference.compare import compare
-
-        folder = Path(bpy.path.abspath(self.directory or "//refractive_glass_compare"))
-        manager = context.window_manager
-        manager.progress_begin(0, 100)
-        try:
-            found = compare(
-                context.scene,
-                folder,
-                samples=self.samples or None,
-                progress=lambda share: manager.progress_update(int(100 * share)),
-            )
-        except (RefractiveGlassError, RuntimeError, OSError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        finally:
-            manager.progress_end()
-        self.report({"INFO"}, f"PSNR {found['psnr_db']:.1f} dB, report in {folder}")
-        return {"FINISHED"}
-
-
 CLASSES = (
     OBJECT_OT_refractive_glass_add,
     OBJECT_OT_refractive_glass_modifier_add,
     OBJECT_OT_refractive_glass_turn_normals,
     SCENE_OT_refractive_glass_update,
-    SCENE_OT_refractive_glass_compare,
 )
 
 

@@ -17,12 +17,12 @@ from ..scene.read.mesh_glasses import glassy_materials, interface_node, open_edg
 from ..scene.read.modifier_inputs import has_input, read_input, value_place
 from ..scene.read.orientation import Orientation, orientation_of
 from . import bake
+from .compare import SCENE_OT_refractive_glass_compare
 from .lines import draw_lines
 from .menus import VIEW3D_MT_refractive_glass_add
 from .operators import (
     OBJECT_OT_refractive_glass_modifier_add,
     OBJECT_OT_refractive_glass_turn_normals,
-    SCENE_OT_refractive_glass_compare,
     SCENE_OT_refractive_glass_update,
 )
 
@@ -143,7 +143,7 @@ class _Glass:
         if shape == "Mesh":
             _draw_mesh(layout, context, obj.evaluated_get(context.evaluated_depsgraph_get()))
         else:
-            text = _iface("Closed form: its surfaces are exact")
+            text = _iface("Exact shape: its surfaces are perfectly smooth")
             draw_lines(layout, context, text, "INFO")
         body = _section(layout, "Glass")
         if body is not None:
@@ -295,7 +295,9 @@ class _Scene:
         for problem in door.status(context.scene).problems:
             draw_lines(layout, context, problem, "ERROR")
         row = layout.row(align=True)
-        row.operator(SCENE_OT_refractive_glass_update.bl_idname, text="Update")
+        if settings.shading == "DISPLACED":
+            # In the other shading renders compute all there is.
+            row.operator(SCENE_OT_refractive_glass_update.bl_idname, text="Update")
         row.operator(SCENE_OT_refractive_glass_compare.bl_idname, text="Compare")
 
 
@@ -307,6 +309,10 @@ class _Status:
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         found = door.status(context.scene)
+        for problem in door.memory_of(context.scene).last:
+            if problem not in found.problems:
+                text = _iface("Last picture: {}").format(problem)
+                draw_lines(layout, context, text, "ERROR")
         if found.covered:
             self._draw_rays(layout, found)
         elif found.paths:
@@ -323,7 +329,10 @@ class _Status:
             ("Computed in", f"{1e-3 * found.milliseconds:.1f} s"),
             ("Light Not Seen", f"{found.unseen:.1%}"),
         )
-        column = layout.column(align=True)
+        body = _section(layout, "Details", closed=True)
+        if body is None:
+            return
+        column = body.column(align=True)
         column.label(text="Light Comes from")
         for view in found.views:
             text = _iface("{}: {:.0%} of the light, {} samples")
@@ -332,13 +341,16 @@ class _Status:
 
     def _draw_copies(self, layout: bpy.types.UILayout, found: door.Status) -> None:
         """What the last update of displaced copies made."""
+        _draw_rows(layout, ("Computed in", f"{1e-3 * found.milliseconds:.1f} s"))
+        body = _section(layout, "Details", closed=True)
+        if body is None:
+            return
         _draw_rows(
-            layout,
+            body,
             ("Vertices", f"{found.vertices:,}"),
-            ("Last Update", f"{found.milliseconds:.0f} ms"),
             ("Error Bound", f"{found.bound_px:.2f} px"),
         )
-        column = layout.column(align=True)
+        column = body.column(align=True)
         column.label(text="Light Paths in Use")
         for events in found.paths:
             column.label(text=describe_path(events), icon="BLANK1", translate=False)
@@ -403,7 +415,7 @@ class VIEW3D_PT_refractive_glass_object(_Glass, _Sidebar, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         if _Glass.poll(context):
-            super().draw(context)
+            _Glass.draw(self, context)
             return
         layout = self.layout
         layout.menu(VIEW3D_MT_refractive_glass_add.bl_idname, text="Add Glass", icon="ADD")

@@ -52,7 +52,7 @@ class SceneSettings(bpy.types.PropertyGroup):
             (
                 "TRUE",
                 "True",
-                "Lit where it is: light and shadows are looked up in the direct picture",
+                "Lit where it is, as beside the glass: for all that has light and shadow",
             ),
             (
                 "DISPLACED",
@@ -67,7 +67,7 @@ class SceneSettings(bpy.types.PropertyGroup):
         name="Surface",
         description="How the glass's surfaces treat light",
         items=(
-            ("GLASS", "Glass", "Refracts and reflects by Fresnel's equations (Glass BSDF)"),
+            ("GLASS", "Glass", "Refracts and mirrors as glass does (Glass BSDF)"),
             ("REFRACTION", "Refraction", "Refracts only, without loss (Refraction BSDF)"),
         ),
         default="GLASS",
@@ -77,8 +77,8 @@ class SceneSettings(bpy.types.PropertyGroup):
         name="Quality",
         description="Sets what is under Advanced",
         items=(
-            ("DRAFT", "Draft", "Strong light paths and one capture: for a quick look"),
-            ("GOOD", "Good", "What carries more than a hundredth of the light"),
+            ("DRAFT", "Draft", "What is bright in the glass: for a quick look"),
+            ("GOOD", "Good", "All that carries more than a hundredth of the light"),
             ("FINAL", "Final", "Faint reflections, too. Takes two to three times as long"),
             (_OWN, "Custom", "As set under Advanced"),
         ),

@@ -53,7 +53,8 @@ _GERMAN = {
         "Mesh": "Mesh",
         "Priority": "Vorrang",
         "The object's own mesh is the glass": "Das Mesh des Objekts selbst ist das Glas",
-        "Closed form: its surfaces are exact": "Geschlossene Form: die Flächen sind exakt",
+        "Exact shape: its surfaces are perfectly smooth": "Exakte Form: die Flächen sind "
+        "völlig glatt",
         "Open: {} edges have one face. A face's front is outside, as in Cycles": "Offen: {} Kanten "
         "haben eine Fläche. Die Vorderseite einer Fläche ist außen, wie in Cycles",
         "{} edges have more than two faces: what is inside is not clear there": "{} Kanten haben "
@@ -77,7 +78,6 @@ _GERMAN = {
         "Light Comes from": "Licht kommt von",
         "{}: {:.0%} of the light, {} samples": "{}: {:.0%} des Lichts, {} Samples",
         "Vertices": "Punkte",
-        "Last Update": "Letzte Aktualisierung",
         "Error Bound": "Fehlerschranke",
         "Light Paths in Use": "Verwendete Lichtpfade",
         "refracted {} times": "{}-mal gebrochen",

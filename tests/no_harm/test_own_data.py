@@ -17,7 +17,11 @@ from glass_refraction.scene.build.compositor import has_group
 from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.build.own_scenes import user_scene_of
 from glass_refraction.scene.names import NODE_GROUPS, TAG, RefractiveGlassError, own
-from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.glasses import (
+    glass_modifier,
+    instanced_glasses,
+    merged_glasses,
+)
 from glass_refraction.scene.read.modifier_inputs import read_input
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
@@ -436,3 +440,37 @@ def test_a_scene_that_undo_brought_back_unseen_holds_nothing(scene):
     assert _own_blocks("scenes")
     _prepare(scene)
     assert _own_blocks() == []
+
+
+def test_the_denoiser_is_copied_without_being_read(scene):
+    """A Blender that lacks the stored denoiser warns of each reading, several times a frame."""
+
+    class Unread:
+        """The scene's Cycles settings; the denoiser can not be read."""
+
+        def __init__(self, group):
+            self.group = group
+
+        def __getattr__(self, name):
+            assert name != "denoiser"
+            return getattr(self.group, name)
+
+    stored, other = 7, bpy.data.scenes.new("Other")
+    scene.cycles.bl_system_properties_get(do_create=True)["denoiser"] = stored
+    own_scenes._copy_properties(Unread(scene.cycles), Unread(other.cycles), {})
+    assert other.cycles.bl_system_properties_get()["denoiser"] == stored
+    del scene.cycles.bl_system_properties_get()["denoiser"]
+    own_scenes._copy_properties(Unread(scene.cycles), Unread(other.cycles), {})
+    assert other.cycles.bl_system_properties_get().get("denoiser") is None
+
+
+def test_instances_are_not_listed_where_nodes_take_no_glass(scene):
+    """Of a scene that nobody has evaluated since objects were deleted, listing them crashed."""
+
+    class Stale:
+        @property
+        def object_instances(self):
+            raise AssertionError("listed")
+
+    assert merged_glasses(scene, Stale()) == []
+    assert instanced_glasses(scene, Stale()) == []

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
+from glass_refraction.scene.names import RefractiveGlassError, own  # noqa: E402
 
 FIGURES = {
     "psnr_db",
@@ -65,7 +65,7 @@ def test_a_comparison_reports_by_the_contract(scene, tmp_path):
     scene.render.use_border = True
     scene.render.border_min_x = 0.25
     shares = []
-    report = compare(scene, tmp_path, samples=4, progress=shares.append)
+    report = compare(scene, tmp_path, samples=4, progress=lambda share, _: shares.append(share))
     assert set(report) >= FIGURES
     assert shares == pytest.approx([0, 1 / 4, 2 / 4, 3 / 4, 1])
     assert report["reference_samples"] == 4 and scene.cycles.samples == 2
@@ -92,3 +92,54 @@ def test_what_cannot_be_compared_is_not_rendered(scene, tmp_path):
     with pytest.raises(RefractiveGlassError, match='"Scene" has no camera'):
         compare(scene, tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_comparison_that_is_stopped_leaves_the_scene_as_it_was(scene, tmp_path):
+    from glass_refraction.reference.compare import comparing
+    from glass_refraction.reference.cycles import ROLE
+
+    def kept(block):
+        """Renders may make what stands for glasses anew, but nothing of a reference may stay."""
+        return not own(block) or own(block, ROLE)
+
+    def state():
+        names = {
+            kind: sorted(b.name for b in getattr(bpy.data, kind) if kept(b))
+            for kind in ("scenes", "objects", "meshes", "materials")
+        }
+        hidden = {o.name: (o.hide_render, o.visible_shadow) for o in scene.objects}
+        output = scene.render.filepath, scene.render.image_settings.file_format
+        return names, hidden, output, scene.cycles.samples
+
+    add_glass(scene)
+    bpy.ops.scene.refractive_glass_update()
+    before = state()
+    renders = 0
+    # At each render in turn, and once at its end.
+    for stop in range(5):
+        steps = comparing(scene, tmp_path, samples=1)
+        value = None
+        for number in range(stop + 1):
+            request = steps.send(value)
+            if number == stop:
+                break
+            if isinstance(request, bpy.types.Scene):
+                renders += 1
+                value = bpy.ops.render.render(write_still=True, scene=request.name)
+            else:
+                value = request()
+        steps.close()
+        assert state() == before, stop
+        assert not list(tmp_path.iterdir()), stop
+    assert renders == 10
+
+
+def test_a_render_without_a_picture_ends_the_comparison(scene, tmp_path):
+    from glass_refraction.reference.compare import comparing
+
+    add_glass(scene)
+    steps = comparing(scene, tmp_path, samples=1)
+    next(steps)
+    with pytest.raises(RuntimeError, match='"Scene" was cancelled'):
+        steps.send({"CANCELLED"})
+    assert scene.cycles.samples == 2

@@ -9,8 +9,11 @@ import pytest
 
 from glass_refraction.optics import MEDIA
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass
+from glass_refraction.scene.read.mesh_glasses import open_edges
 from glass_refraction.scene.read.modifier_inputs import read_input, write_input
+from glass_refraction.scene.read.orientation import orientation_of
 from glass_refraction.ui import media
+from glass_refraction.ui.everyday import fitting_size
 from glass_refraction.ui.presets import PRESETS
 
 
@@ -18,29 +21,72 @@ def _inputs(obj, *names):
     return [read_input(glass_modifier(obj), name) for name in names]
 
 
+def _extent(objects):
+    """Lowest and highest place (2, 3) of the objects' evaluated meshes, in the world."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    places = [
+        obj.matrix_world @ vertex.co
+        for obj in objects
+        for vertex in obj.evaluated_get(depsgraph).data.vertices
+    ]
+    return np.array((np.min(places, axis=0), np.max(places, axis=0)))
+
+
+@pytest.mark.parametrize("size", [0.0, 2.0])
 @pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset.label)
-def test_each_preset_is_a_glass_of_its_values(preset):
-    assert bpy.ops.object.refractive_glass_add(**preset.values) == {"FINISHED"}
-    obj = bpy.context.object
-    found = read_glass(obj, bpy.context.evaluated_depsgraph_get()).description
-    asked = preset.values
-    if asked["shape"] == "TUMBLER":
-        sizes = [found.radius, found.wall, found.height, found.bottom, found.level]
-        names = ("radius", "wall_thickness", "height", "bottom_thickness", "liquid_level")
-        assert sizes == pytest.approx([asked[name] for name in names])
-        media = found.ior, found.liquid_ior
-        assert media == pytest.approx((asked["ior"], asked["contents_ior"]))
-        return
-    assert found.ior[0] == pytest.approx(asked["ior"])
-    if asked["shape"] == "SLAB":
-        assert found.thickness == pytest.approx((asked["wall_thickness"],))
-        assert found.ior_below == pytest.approx(asked["contents_ior"])
-        assert np.ptp(found.outline, axis=0) == pytest.approx((2 * asked["radius"],) * 2)
-    else:
-        assert found.radius[0] == pytest.approx(asked["radius"])
-        assert found.ior[1:] == pytest.approx(
-            (asked["contents_ior"],) if "contents_ior" in asked else ()
-        )
+def test_each_preset_is_a_glass_of_its_size_that_stands_where_it_was_put(preset, size):
+    place = (1.0, 2.0, 3.0)
+    ended = bpy.ops.object.refractive_glass_everyday_add(
+        kind=preset.identifier, size=size, location=place
+    )
+    assert ended == {"FINISHED"}
+    glasses = [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]
+    assert len(glasses) == len(preset.parts)
+    assert bpy.context.object.name == preset.label
+    assert [obj for obj in glasses if obj.select_get()] == [bpy.context.object]
+    low, high = _extent(glasses)
+    assert np.max(high - low) == pytest.approx(size or preset.size, rel=2e-3)
+    assert low[2] == pytest.approx(place[2], abs=1e-3 * (size or preset.size))
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for obj, part in zip(sorted(glasses, key=lambda o: o.name), preset.parts, strict=True):
+        found = read_glass(obj, depsgraph).description
+        assert np.ravel(found.ior)[0] == pytest.approx(part.values["ior"])
+        if part.vertices is not None:
+            mesh = obj.evaluated_get(depsgraph).data
+            assert open_edges(mesh) == (0, 0)
+            assert orientation_of(mesh).is_right
+        elif part.values["shape"] in {"TUMBLER", "REVOLUTION"}:
+            level = (size or preset.size) / preset.size * part.values["liquid_level"]
+            assert (found.level or 0.0) == pytest.approx(level, rel=1e-5)
+
+
+def test_each_glass_is_in_the_menu_once():
+    labels = [preset.label for preset in PRESETS]
+    assert len(set(labels)) == len(labels)
+    everyday = "Tumbler, Glass of Water, Wine Glass, Mug, Bottle, Vase, Fish Bowl, Window Pane"
+    everyday += ", Double Glazing, Lens, Crystal Ball, Aquarium"
+    assert set(everyday.split(", ")) <= set(labels)
+
+
+def test_a_glass_keeps_its_real_size_in_a_room_and_fits_what_is_selected_elsewhere():
+    def size(of, real):
+        bpy.ops.mesh.primitive_cube_add(size=of)
+        return fitting_size(bpy.context, real)
+
+    assert size(0.3, 0.1) == 0.1
+    assert size(0.05, 0.1) == 0.1
+    # As large as what is selected, or up to two and a half times smaller.
+    for of in (2.0, 30.0, 0.01):
+        assert of / 2.5 <= size(of, 0.1) <= of
+    bpy.ops.object.select_all(action="DESELECT")
+    assert fitting_size(bpy.context, 0.1) == 0.1
+
+
+def test_a_size_that_is_no_length_adds_nothing():
+    before = _everything()
+    with pytest.raises(RuntimeError, match="give a length"):
+        bpy.ops.object.refractive_glass_everyday_add(size=1e9)
+    assert _everything() == before
 
 
 def test_a_glass_takes_the_size_of_its_mesh():
@@ -239,3 +285,14 @@ def test_a_linked_collection_takes_no_glass(tmp_path):
     with pytest.raises(RuntimeError, match=r"Borrowed.*linked"):
         bpy.ops.object.refractive_glass_add()
     assert _everything() == before
+
+
+def test_a_glass_in_edit_mode_can_be_read():
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.refractive_glass_modifier_add(shape="MESH")
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    before = read_glass(bpy.context.object, depsgraph).description.box
+    bpy.ops.object.mode_set(mode="EDIT")
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert np.array_equal(read_glass(bpy.context.object, depsgraph).description.box, before)
+    bpy.ops.object.mode_set(mode="OBJECT")

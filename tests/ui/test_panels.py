@@ -1,77 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What panels and menus draw, recorded by a layout that draws nothing."""
 
+import re
+import sys
+from pathlib import Path
+
 import bpy
 import pytest
 
 from glass_refraction.scene import update as door
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.modifier_inputs import write_input
-from glass_refraction.ui import menus, panels, presets
+from glass_refraction.ui import menus, operators, panels, presets
 
-
-class _Layout:
-    """Takes every call of a ``UILayout``; a property or operator that is not there raises."""
-
-    def __init__(self, drawn=None):
-        self.__dict__["drawn"] = [] if drawn is None else drawn
-
-    def __setattr__(self, name, value):
-        assert name in bpy.types.UILayout.bl_rna.properties, name
-
-    def _inner(self, *_, **__):
-        return _Layout(self.drawn)
-
-    row = column = split = box = _inner
-
-    def panel(self, name, default_closed=False):
-        return self, self
-
-    def separator(self):
-        self.drawn.append("---")
-
-    def label(self, text="", **_):
-        self.drawn.append(text)
-
-    def menu(self, name, **_):
-        assert hasattr(bpy.types, name)
-        self.drawn.append(name)
-
-    def prop(self, owner, name, text=None, **_):
-        owner.path_resolve(name)
-        self.drawn.append(name if text is None else text)
-
-    def prop_search(self, owner, name, data, collection, text=None, **_):
-        owner.path_resolve(name)
-        assert hasattr(data, collection)
-        self.drawn.append(name if text is None else text)
-
-    def operator(self, name, text=None, **_):
-        group, _, function = name.partition(".")
-        kind = getattr(getattr(bpy.ops, group), function).get_rna_type()
-        self.drawn.append(kind.name if text is None else text)
-        return _Operator(kind)
-
-
-class _Operator:
-    def __init__(self, kind):
-        self.__dict__["_kind"] = kind
-
-    def __setattr__(self, name, value):
-        assert name in self._kind.properties, name
-
-
-def _drawn(panel, draw="draw"):
-    shown = _Layout()
-
-    class _Panel:
-        layout = shown
-
-    mixins = [c for c in panel.__mro__ if c.__module__ == panels.__name__]
-    stand_in = type("_StandIn", (_Panel, *(c for c in mixins if c is not panel)), {})()
-    function = getattr(panel, draw)
-    function(stand_in, bpy.context)
-    return shown.drawn
+sys.path.insert(0, str(Path(__file__).parent))
+from drawing import Layout, labels_of
 
 
 def _glass(**values):
@@ -91,7 +34,7 @@ def _glass(**values):
 def test_a_glass_shows_what_its_shape_uses(shape, there, missing):
     _glass(shape=shape)
     assert panels.OBJECT_PT_refractive_glass.poll(bpy.context)
-    drawn = set(_drawn(panels.OBJECT_PT_refractive_glass))
+    drawn = set(labels_of(panels.OBJECT_PT_refractive_glass))
     assert there | {"Shape", "IOR", "Seen Through", "Material", "Segments"} <= drawn
     assert not missing & drawn
 
@@ -100,7 +43,7 @@ def test_every_input_of_the_modifier_is_drawn_for_some_shape():
     drawn = set()
     for shape in ("SLAB", "CYLINDER", "ROD", "SPHERE", "TUMBLER", "REVOLUTION"):
         obj = _glass(shape=shape)
-        drawn |= set(_drawn(panels.OBJECT_PT_refractive_glass))
+        drawn |= set(labels_of(panels.OBJECT_PT_refractive_glass))
     for item in glass_modifier(obj).node_group.interface.items_tree:
         if item.item_type == "SOCKET" and item.in_out == "INPUT" and not item.hide_in_modifier:
             assert (
@@ -113,7 +56,7 @@ def test_an_empty_glass_says_that_it_holds_air():
     obj = _glass(shape="TUMBLER")
     for level, empty in ((0.0, True), (0.05, False)):
         write_input(glass_modifier(obj), "Liquid Level", level)
-        drawn = _drawn(panels.OBJECT_PT_refractive_glass)
+        drawn = labels_of(panels.OBJECT_PT_refractive_glass)
         assert ("Empty: it holds air" in drawn) == empty
 
 
@@ -127,13 +70,13 @@ def test_a_quality_stands_for_settings_and_settings_tell_the_quality():
     assert settings.quality == "CUSTOM"
     settings.quality = "CUSTOM"
     assert settings.min_weight == pytest.approx(0.02)
-    assert {"quality", "min_weight"} <= set(_drawn(panels.RENDER_PT_refractive_glass))
+    assert {"quality", "min_weight"} <= set(labels_of(panels.RENDER_PT_refractive_glass))
 
 
 def test_no_glass_no_glass_panel():
     bpy.ops.mesh.primitive_cube_add()
     assert not panels.OBJECT_PT_refractive_glass.poll(bpy.context)
-    assert "Make Active a Glass" in _drawn(panels.VIEW3D_PT_refractive_glass_object)
+    assert "Make Active a Glass" in labels_of(panels.VIEW3D_PT_refractive_glass_object)
 
 
 def test_problems_are_shown_where_they_belong():
@@ -143,20 +86,27 @@ def test_problems_are_shown_where_they_belong():
     scene = bpy.context.scene
     line = 'Glass "My Cup": the ior must be positive'
     door.status(scene).problems = [line, "another"]
-    assert line in " ".join(_drawn(panels.OBJECT_PT_refractive_glass))
-    assert "another" not in _drawn(panels.OBJECT_PT_refractive_glass)
-    assert {"another"} <= set(_drawn(panels.RENDER_PT_refractive_glass))
+    assert line in " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
+    assert "another" not in labels_of(panels.OBJECT_PT_refractive_glass)
+    assert {"another"} <= set(labels_of(panels.RENDER_PT_refractive_glass))
 
 
 def test_a_modifier_that_is_off_is_told():
     glass_modifier(_glass()).show_render = False
-    assert "off in renders" in " ".join(_drawn(panels.OBJECT_PT_refractive_glass))
+    assert "off in renders" in " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
 
 
 def test_status_says_what_the_last_update_did():
     door.status(bpy.context.scene).paths = ("TTTT", "TRT")
-    drawn = " ".join(_drawn(panels.RENDER_PT_refractive_glass_status))
-    for word in ("Vertices", "ms", "px", "TTTT: refracted 4 times", "TRT", "mirrored 1 times"):
+    drawn = " ".join(labels_of(panels.RENDER_PT_refractive_glass_status))
+    for word in (
+        "Vertices",
+        "Computed in",
+        "px",
+        "TTTT: refracted 4 times",
+        "TRT",
+        "mirrored 1 times",
+    ):
         assert word in drawn
 
 
@@ -168,7 +118,38 @@ def test_own_scenes_show_no_panels():
 
 
 def test_the_menu_offers_shapes_and_presets():
-    shown = _Layout()
+    shown = Layout()
     menus.VIEW3D_MT_refractive_glass_add.draw(type("_", (), {"layout": shown})(), bpy.context)
-    assert {"Slab", "Cylinder", "Rod", "Sphere", "Tumbler"} <= set(shown.drawn)
     assert {preset.label for preset in presets.PRESETS} <= set(shown.drawn)
+    shapes = Layout()
+    menus.VIEW3D_MT_refractive_glass_shapes.draw(type("_", (), {"layout": shapes})(), bpy.context)
+    assert {"Slab", "Cylinder", "Rod", "Sphere", "Tumbler"} <= set(shapes.drawn)
+    assert "VIEW3D_MT_refractive_glass_shapes" in shown.drawn
+
+
+DEVELOPERS = re.compile(
+    r"closed form|exit ray|capture|radiance|fresnel|vertices|weight|tolerance|depsgraph|solver"
+    r"|socket|interface|bound|path|px\b|\bms\b",
+    re.I,
+)
+"""Words that only a developer knows."""
+
+
+def test_words_of_developers_are_folded_away():
+    scene = bpy.context.scene
+    shapes = [item[0] for item in operators.SHAPES]
+    said = set()
+    for shading in ("TRUE", "DISPLACED"):
+        scene.refractive_glass.shading = shading
+        door.status(scene).covered = 7 if shading == "TRUE" else 0
+        door.status(scene).paths = () if shading == "TRUE" else ("TTTT",)
+        for shape in shapes:
+            _glass(shape=shape)
+            for panel in panels.CLASSES:
+                if panel is not panels.RENDER_PT_refractive_glass_bake:
+                    said.update(labels_of(panel, folded=True))
+    menu = Layout()
+    menus.VIEW3D_MT_refractive_glass_add.draw(type("_", (), {"layout": menu})(), bpy.context)
+    said.update(label for label in menu.drawn if not label.startswith("VIEW3D"))
+    assert [text for text in said if DEVELOPERS.search(text)] == []
+    assert DEVELOPERS.search(" ".join(labels_of(panels.RENDER_PT_refractive_glass_status)))

@@ -12,6 +12,7 @@ from glass_refraction.ui import asset_library, translations
 
 OPERATORS = (
     bpy.ops.object.refractive_glass_add,
+    bpy.ops.object.refractive_glass_everyday_add,
     bpy.ops.object.refractive_glass_modifier_add,
     bpy.ops.scene.refractive_glass_update,
     bpy.ops.scene.refractive_glass_compare,
@@ -36,7 +37,7 @@ def test_every_operator_and_property_has_a_name_and_a_description():
 
 
 def test_lengths_have_units():
-    for operator in OPERATORS[:2]:
+    for operator in (OPERATORS[0], OPERATORS[2]):
         properties = operator.get_rna_type().properties
         for name in ("radius", "wall_thickness", "height"):
             assert properties[name].unit == "LENGTH"

@@ -279,6 +279,9 @@ def match_settings(
 
 _WARNING = {"wireframe_color_type"}
 """Of wireframes alone, and Blender warns whenever a scene's is read."""
+_BUILT = {"denoiser"}
+"""Enums whose items depend on how Blender was built: where they lack the value that is stored,
+Blender warns whenever it is read."""
 _NESTED = {"shading", "ray_tracing_options"}
 """Groups of settings within a group that are copied too."""
 
@@ -294,10 +297,28 @@ def _copy_properties(source, target, others: Mapping[str, object], nested=None) 
             continue
         if prop.is_readonly or prop.type == "COLLECTION" or name in _WARNING:
             continue
+        if name in _BUILT:
+            _copy_stored(source, target, name)
+            continue
         value = others[name] if name in others else getattr(source, name)
         # A dynamic enum reads as empty where its present items do not hold the stored one.
         if not (prop.type == "ENUM" and value == ""):
             write_setting(target, name, value)
+
+
+def _copy_stored(source, target, name: str) -> None:
+    """Copy an enum by its number, as files hold it; one that was never set stays the default."""
+    stored = source.bl_system_properties_get()
+    number = None if stored is None else stored.get(name)
+    present = target.bl_system_properties_get()
+    if number == (None if present is None else present.get(name)):
+        return
+    counters["settings"] += 1
+    present = target.bl_system_properties_get(do_create=True)
+    if number is None:
+        del present[name]
+    else:
+        present[name] = number
 
 
 def write_setting(target, name: str, value) -> None:

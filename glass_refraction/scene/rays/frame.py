@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ... import optics
+from ..progress import tell
 from ..read.glasses import Glass, as_body
 from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
@@ -48,6 +49,8 @@ FAR, FARTHER = 1e3, 1.1
 NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
 NOISIEST, MOST_NOISE = 2.0, 0.7
 """Variance of what a view shows, over that of what the direct picture shows: see `_worth`."""
+FOLLOWING = "following light through the glass"
+"""What users are told meanwhile."""
 MARGIN_PX = 2
 """Pixels round a glass's outline that are looked at too."""
 
@@ -152,6 +155,7 @@ def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> Fram
     ----------
     kept : what earlier frames found and this one may use; it changes the time, never the answer.
     """
+    tell(FOLLOWING)
     bodies = [body for body in map(as_body, frame.glasses) if body is not None]
     centre, scale = _place_and_size(bodies, frame.view)
     casters.things.aim(frame.things, centre, scale)
@@ -159,6 +163,7 @@ def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> Fram
     scene = Scene(casters.things, frame.things, frame.sky)
     direct = direct_view(frame.view, frame.region, frame.near)
     rays, shown, views, glints = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
+    tell("adding up the light")
     return _summed(frame, scene, views, rays, shown, glints)
 
 
@@ -236,6 +241,7 @@ def _followed(
     coarse = centre_rays(pixels, follower)
     most = min(frame.captures, room.captures)
     beside = neighbours(coarse, view.size)
+    tell("placing cameras for what else is seen in the glass")
     captures = place_captures(
         scene,
         direct,
@@ -253,6 +259,7 @@ def _followed(
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
     glint = Glints(beside.pixel, glints * coarse.ways.colour)
+    tell(FOLLOWING)
     kept, centre, finer = finer_rays(coarse, ends, sigma, follower)
     shown = Shown.joined([shown.take(kept), show(scene, views, finer.ways)])
     rays = together([centre, finer])

@@ -39,8 +39,12 @@ _BLOCK = 8192
 def positions(mesh: bpy.types.Mesh) -> np.ndarray:
     """Vertex positions (N, 3), float32, in the mesh's own frame."""
     out = np.empty((len(mesh.vertices), 3), np.float32)
-    if len(out):
-        mesh.attributes["position"].data.foreach_get("vector", out.ravel())
+    place = mesh.attributes.get("position")
+    if place is not None and len(out):
+        place.data.foreach_get("vector", out.ravel())
+    elif len(out):
+        # In Edit Mode the attribute is missing. This is a hundred times slower.
+        mesh.vertices.foreach_get("co", out.ravel())
     return out
 
 

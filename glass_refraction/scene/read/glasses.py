@@ -232,12 +232,7 @@ def merged_glasses(
 
     What comes of that is no object of its own: no glass, and in renders nothing.
     """
-    instanced = {
-        (i.parent.name, i.object.name)
-        for i in depsgraph.object_instances
-        if i.is_instance and i.parent is not None
-    }
-    found = []
+    taken = []
     for host in scene.objects:
         trees = [
             (modifier.node_group, modifier)
@@ -246,9 +241,18 @@ def merged_glasses(
         ]
         for glass in dict.fromkeys(g for tree in trees for g in _taken_objects(*tree)):
             is_glass = glass.type == "MESH" and glass_modifier(glass) is not None
-            if is_glass and (host.name, glass.name) not in instanced:
-                found.append((host, glass))
-    return found
+            if is_glass:
+                taken.append((host, glass))
+    if not taken:
+        # Nobody may have evaluated the scene since objects were deleted: to list instances then
+        # can crash Blender.
+        return []
+    instanced = {
+        (i.parent.name, i.object.name)
+        for i in depsgraph.object_instances
+        if i.is_instance and i.parent is not None
+    }
+    return [(host, glass) for host, glass in taken if (host.name, glass.name) not in instanced]
 
 
 def _taken_objects(

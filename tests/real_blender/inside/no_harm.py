@@ -388,6 +388,13 @@ def add_glass(walk):
         bpy.ops.object.refractive_glass_add(**chosen, location=place)
 
 
+def add_everyday(walk):
+    kinds = [p.identifier for p in module("ui.presets").PRESETS if len(p.parts) == 1]
+    chosen, size = walk.random.choice(kinds), walk.random.choice([0.0, 2.0])
+    if sum(map(is_glass, bpy.data.objects)) < MOST_GLASSES:
+        bpy.ops.object.refractive_glass_everyday_add(kind=chosen, size=size)
+
+
 def make_glass(walk):
     obj = walk.object()
     if sum(map(is_glass, bpy.data.objects)) < MOST_GLASSES and walk.activate(obj):
@@ -627,11 +634,13 @@ Walk.chosen_node = chosen_node
 
 
 def settings(walk):
-    settings, way = bpy.context.scene.refractive_glass, walk.random.randrange(3)
+    settings, way = bpy.context.scene.refractive_glass, walk.random.randrange(4)
     if way == 0:
         settings.enabled = not settings.enabled
     elif way == 1:
         settings.shading = "TRUE" if settings.shading == "DISPLACED" else "DISPLACED"
+    elif way == 2:
+        settings.quality = walk.random.choice(["DRAFT", "GOOD", "FINAL"])
     else:
         settings.min_weight = walk.random.choice([0.01, 0.02, 0.05])
 
@@ -797,7 +806,8 @@ def update(walk):
 
 
 STEPS = (
-    *(add_glass,) * 5,
+    *(add_glass,) * 4,
+    add_everyday,
     *(mend,) * 8,
     *(add_object,) * 3,
     *(move,) * 3,
@@ -807,7 +817,17 @@ STEPS = (
     *(world, single_user, apply_modifier, remove_modifier, purge, save_and_open),
     *(keep_as_library, append, make_local, off_and_on, update, render),
 )
-NAMING = {add_glass, mend, add_object, add_other, duplicate, rename, append, make_local}
+NAMING = {
+    add_glass,
+    add_everyday,
+    mend,
+    add_object,
+    add_other,
+    duplicate,
+    rename,
+    append,
+    make_local,
+}
 
 
 # ---------------------------------------------------------------------------------------- walks

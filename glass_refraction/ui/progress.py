@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the extension is at while a render goes on, in the render's view and in the status bar.
+
+Blender's own progress knows of its engines only: until these begin it stays at 0 %.
+"""
+
+from __future__ import annotations
+
+import textwrap
+import time
+
+import blf
+import bpy
+from bpy.app.handlers import persistent
+from bpy.app.translations import pgettext_iface as _iface
+
+from ..scene import progress
+from ..scene import update as door
+
+LOOK_SECONDS = 0.25
+"""Between two looks at what the render's thread is at."""
+_PLACE = (20.0, 20.0)
+_SIZE = 13.0
+"""Pixels from the lower left corner of an Image Editor, and height of letters, at a scale of 1."""
+_LINE, _LETTER = 1.5, 0.6
+"""Height of a line and mean width of a letter, in heights of letters."""
+_LEAST_LETTERS = 20
+
+
+class _Shown:
+    """What is on the screen.
+
+    Attributes
+    ----------
+    line : the text. doing : what it says goes on. since : when that began.
+    handle : of the drawing in Image Editors.
+    """
+
+    line: str | None = None
+    doing: str | None = None
+    since: float = 0.0
+    handle = None
+
+
+_shown = _Shown()
+
+
+def line(doing: str | None, seconds: float) -> str | None:
+    """What users read, after so many seconds of the same."""
+    if doing is None:
+        return None
+    text = _iface("Refractive Glass: {}").format(_iface(doing))
+    return text if seconds < 1.0 else f"{text} ({seconds:.0f} s)"
+
+
+def _look() -> float | None:
+    """Timer: show what goes on, until no render does."""
+    doing = progress.doing()
+    if doing != _shown.doing:
+        _shown.doing, _shown.since = doing, time.monotonic()
+    said = line(doing, time.monotonic() - _shown.since)
+    if said != _shown.line:
+        _show(said)
+    if bpy.app.is_job_running("RENDER"):
+        return LOOK_SECONDS
+    _show(None)
+    return None
+
+
+def _show(text: str | None) -> None:
+    _shown.line = text
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "IMAGE_EDITOR":
+                area.tag_redraw()
+        # Child windows, such as the render's, have no status bar.
+        if window.parent is None:
+            with bpy.context.temp_override(window=window):
+                window.workspace.status_text_set(text)
+
+
+def _draw() -> None:
+    """Draw over the render what goes on, or what is wrong with the picture."""
+    context = bpy.context
+    image = context.space_data.image
+    if image is None or image.type != "RENDER_RESULT":
+        return
+    scale = context.preferences.system.ui_scale
+    texts = [_shown.line] if _shown.line else door.memory_of(context.scene).last
+    letters = max(_LEAST_LETTERS, int(context.region.width / (scale * _SIZE * _LETTER)))
+    lines = [part for text in texts for part in textwrap.wrap(text, letters)]
+    blf.size(0, _SIZE * scale)
+    blf.color(0, 1.0, 1.0, 1.0, 1.0)
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 3, 0.0, 0.0, 0.0, 1.0)
+    for number, text in enumerate(reversed(lines)):
+        height = _PLACE[1] + number * _SIZE * _LINE
+        blf.position(0, _PLACE[0] * scale, height * scale, 0.0)
+        blf.draw(0, text)
+    blf.disable(0, blf.SHADOW)
+
+
+@persistent
+def _on_render_init(*_) -> None:
+    if not bpy.app.background and not bpy.app.timers.is_registered(_look):
+        bpy.app.timers.register(_look, first_interval=LOOK_SECONDS, persistent=True)
+
+
+def register() -> None:
+    """Have each render tell what the extension is at, and its view what is wrong."""
+    bpy.app.handlers.render_init.append(_on_render_init)
+    if not bpy.app.background:
+        kind = bpy.types.SpaceImageEditor
+        _shown.handle = kind.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
+
+
+def unregister() -> None:
+    """Undo :func:`register`."""
+    bpy.app.handlers.render_init.remove(_on_render_init)
+    if bpy.app.timers.is_registered(_look):
+        bpy.app.timers.unregister(_look)
+    if _shown.handle is not None:
+        bpy.types.SpaceImageEditor.draw_handler_remove(_shown.handle, "WINDOW")
+        _shown.handle = None

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Inside Blender with a window: Compare, cancelled by Esc and then to its end.
+
+Argument: output folder. Writes what it found as the result, quits.
+"""
+
+import json
+import subprocess
+import sys
+import traceback
+from pathlib import Path
+
+import bpy
+
+FOLDER = Path(sys.argv[-1])
+OPERATOR = "SCENE_OT_refractive_glass_compare"
+MANY_SAMPLES = 4096
+"""So many that the picture is not done before Esc is pressed."""
+PATIENCE = 240
+
+result = {}
+
+
+def view_3d():
+    window = bpy.context.window_manager.windows[0]
+    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    return {"window": window, "area": area, "region": region}
+
+
+def comparing():
+    return any(o.bl_idname == OPERATOR for o in view_3d()["window"].modal_operators)
+
+
+def state():
+    scene = bpy.context.scene
+    return [
+        sorted(s.name for s in bpy.data.scenes),
+        sorted(o.name for o in bpy.data.objects if o.hide_render),
+        scene.render.filepath,
+        scene.render.image_settings.file_format,
+        bpy.context.preferences.view.render_display_type,
+    ]
+
+
+def start(folder):
+    with bpy.context.temp_override(**view_3d()):
+        return list(
+            bpy.ops.scene.refractive_glass_compare("INVOKE_DEFAULT", directory=str(FOLDER / folder))
+        )
+
+
+def ended():
+    for _ in range(PATIENCE):
+        yield 0.5
+        if not comparing():
+            break
+
+
+def steps():
+    """Each ``yield`` gives Blender that many seconds to draw and to run its timers."""
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.cycles.use_denoising = False
+    scene.render.resolution_x, scene.render.resolution_y = 64, 48
+    yield 2
+    with bpy.context.temp_override(**view_3d()):
+        bpy.ops.object.refractive_glass_add(
+            "INVOKE_DEFAULT", shape="CYLINDER", radius=2.0, wall_thickness=0.2, height=3.0
+        )
+        bpy.context.window_manager.refractive_glass_overlay = False
+    yield 2
+    before = state()
+    scene.cycles.samples = MANY_SAMPLES
+    result["started"] = start("cancelled")
+    yield 2
+    result["running"] = comparing()
+    subprocess.run(["xdotool", "mousemove", "300", "450", "key", "Escape"], check=True)
+    yield from ended()
+    result["cancelled"] = not comparing()
+    result["same_after_cancel"] = state() == before
+    result["files_after_cancel"] = [p.name for p in (FOLDER / "cancelled").iterdir()]
+
+    scene.cycles.samples = 2
+    start("whole")
+    yield from ended()
+    yield 3
+    result["same_at_the_end"] = state() == before
+    result["files"] = sorted(p.name for p in (FOLDER / "whole").iterdir())
+    result["shown"] = [
+        area.spaces.active.image.name
+        for window in bpy.context.window_manager.windows
+        for area in window.screen.areas
+        if area.type == "IMAGE_EDITOR" and area.spaces.active.image is not None
+    ]
+    subprocess.run(["import", "-window", "root", FOLDER / "compare.png"], check=True)
+
+
+def advance():
+    try:
+        return next(running)
+    except StopIteration:
+        (FOLDER / "result.json").write_text(json.dumps(result))
+    except Exception:
+        traceback.print_exc()
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+running = steps()
+bpy.app.timers.register(advance, first_interval=2.0, persistent=True)
