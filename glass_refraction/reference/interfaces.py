@@ -32,11 +32,24 @@ surfaces lie on each other. Facets of closed forms miss the true surface by a fi
 SNAP = 1e-6
 """Of a triangle's edges: corners of its pieces that are nearer are one. `delaunay_2d_cdt` takes
 places of float32."""
+PAIRS = 1 << 17
+"""Pairs of triangles that are cut together: some hundred megabytes of memory."""
+BRANCHES = 8
+"""Boxes in a box, where triangles that touch are looked for."""
+CELLS = 1 << 12
+"""Along each axis, by which triangles are ordered."""
+LEAST = 1e-300
+"""Keeps a quotient finite where all triangles are in one place."""
 ASLANT = 0.1
 """Cosine to a face's normal from which on a ray tells well on which side of it it was."""
-PROBES = np.array([(0.531, 0.262, 0.806), (-0.713, 0.487, 0.505), (0.218, -0.861, 0.459)])
+PROBES = tuple(
+    Vector(way).normalized()
+    for way in ((0.531, 0.262, 0.806), (-0.713, 0.487, 0.505), (0.218, -0.861, 0.459))
+)
 """Directions in which a mesh is looked for to know whether a place is in it: along no axis, where
 meshes like to have their edges."""
+ENOUGH = 2
+"""Probes that agree."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,31 +95,10 @@ class _Shell:
 
     @cached_property
     def tree(self) -> BVHTree:
-        return self.tree_of(self)
-
-    def tree_of(self, other: _Shell) -> BVHTree:
-        """A tree of another's triangles, in the own frame."""
-        points = self.local(other.points).reshape(-1, 3)
+        """Its triangles."""
+        points = self.local(self.points).reshape(-1, 3)
         faces = np.arange(len(points)).reshape(-1, 3)
         return BVHTree.FromPolygons(points.tolist(), faces.tolist(), all_triangles=True)
-
-    def near(self, box: np.ndarray) -> bool:
-        """Whether a box (2, 3) in the world touches its own."""
-        return bool(np.all((self.box[0] <= box[1]) & (self.box[1] >= box[0])))
-
-    def crossings(self, other: _Shell) -> np.ndarray:
-        """(N, 2) numbers of the own and the other's triangles that run through each other."""
-        if not self.near(other.box):
-            return np.zeros((0, 2), int)
-        return np.array(self.tree.overlap(self.tree_of(other)), int).reshape(-1, 2)
-
-    def touched(self, other: _Shell) -> bool:
-        """Whether a corner of another's triangles lies on one of its own."""
-        corners = self.local(other.points[:, 0])
-        close = np.all((corners > -SKIN) & (corners < self.local(self.box[1]) + SKIN), axis=1)
-        return any(
-            self.tree.find_nearest(Vector(corner), SKIN)[0] is not None for corner in corners[close]
-        )
 
     def medium_at(self, points: np.ndarray) -> np.ndarray:
         """(N,) its medium at world points (N, 3), 0 outside it."""
@@ -124,13 +116,12 @@ class _Shell:
         """Whether most probes from a place of the tree's frame come to a back of a face first."""
         votes = 0
         for probe in PROBES:
-            _, normal, _, distance = self.tree.ray_cast(place, Vector(probe))
-            if distance is None:
-                votes -= 1
-                continue
-            cosine = float(normal.dot(Vector(probe).normalized()))
+            _, normal, _, distance = self.tree.ray_cast(place, probe)
+            cosine = -1.0 if distance is None else normal.dot(probe)
             if abs(cosine) > ASLANT:
                 votes += 1 if cosine > 0.0 else -1
+            if abs(votes) == ENOUGH:
+                break
         return votes > 0
 
 
@@ -146,7 +137,8 @@ def _closed_form(glass: Glass) -> tuple[np.ndarray, np.ndarray]:
 
 def overlapping(glasses: Sequence[Glass]) -> frozenset[str]:
     """Names of the glasses that run through another one, or lie in one or on one."""
-    bodies = [body for body in map(as_body, glasses) if body is not None]
+    bounded = [glass for glass in glasses if as_body(glass) is not None]
+    bodies = [as_body(glass) for glass in bounded]
     boxes = [_box(body) for body in bodies]
     near = [
         (a, b)
@@ -157,10 +149,10 @@ def overlapping(glasses: Sequence[Glass]) -> frozenset[str]:
     if not near:
         return frozenset()
     placed = placed_glasses(bodies)
-    shells = {n: _Shell(bodies[n], placed[n]) for n in sorted({n for pair in near for n in pair})}
+    shells = {n: _Shell(bounded[n], placed[n]) for n in sorted({n for pair in near for n in pair})}
     found = set()
     for pair in near:
-        names = {bodies[n].name for n in pair}
+        names = {bounded[n].name for n in pair}
         if not names <= found and _touch(*(shells[n] for n in pair)):
             found |= names
     return frozenset(found)
@@ -174,12 +166,10 @@ def _box(body: Glass) -> np.ndarray:
 
 
 def _touch(one: _Shell, other: _Shell) -> bool:
-    """Whether two glasses run through each other, or a corner of one is in the other or on it."""
-    if len(one.crossings(other)):
+    """Whether two glasses run through each other or touch, or one is in the other."""
+    if len(_cuts(one, other)[0]):
         return True
-    return any(
-        a.medium_at(b.points[:, 0]).any() or a.touched(b) for a, b in ((one, other), (other, one))
-    )
+    return any(a.medium_at(b.points[:, 0]).any() for a, b in ((one, other), (other, one)))
 
 
 def interfaces(glasses: Sequence[Glass]) -> Interfaces:
@@ -197,7 +187,10 @@ def interfaces(glasses: Sequence[Glass]) -> Interfaces:
     media = optics.Media(placed)
     shells = [_Shell(glass, one) for glass, one in zip(glasses, placed, strict=True)]
     skin = SKIN * float(np.ptp(np.concatenate([shell.box for shell in shells]), axis=0).max())
-    parts = [_pieces(shell, [o for o in shells if o is not shell]) for shell in shells]
+    parts = [
+        _pieces(shell, [_cuts(shell, other) for other in shells if other is not shell])
+        for shell in shells
+    ]
     owner = np.repeat(np.arange(len(parts)), [len(points) for points, _ in parts])
     points, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
     flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
@@ -229,18 +222,20 @@ def interfaces(glasses: Sequence[Glass]) -> Interfaces:
     )
 
 
-def _pieces(shell: _Shell, others: Sequence[_Shell]) -> tuple[np.ndarray, np.ndarray]:
-    """Points and unit normals (P, 3, 3) of a glass's triangles, cut along other glasses."""
-    found = [_cuts(shell, other, pairs) for other in others if len(pairs := shell.crossings(other))]
-    if not found:
+def _pieces(
+    shell: _Shell, cuts: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and unit normals (P, 3, 3) of a glass's triangles, cut along lines (see `_cuts`)."""
+    triangle = np.concatenate([part for part, _ in cuts] or [np.zeros(0, int)])
+    if not len(triangle):
         return shell.points, shell.normals
-    triangle, segment = (np.concatenate(part) for part in zip(*found, strict=True))
-    whole = np.ones(len(shell.points), bool)
-    whole[triangle] = False
     order = np.argsort(triangle, kind="stable")
+    segment = np.concatenate([part for _, part in cuts])[order]
     cut, first = np.unique(triangle[order], return_index=True)
+    whole = np.ones(len(shell.points), bool)
+    whole[cut] = False
     points, normals = [shell.points[whole]], [shell.normals[whole]]
-    for number, segments in zip(cut, np.split(segment[order], first[1:]), strict=True):
+    for number, segments in zip(cut, np.split(segment, first[1:]), strict=True):
         shares = _divided(segments)
         points.append(shares @ shell.points[number])
         normals.append(shares @ shell.normals[number])
@@ -248,34 +243,98 @@ def _pieces(shell: _Shell, others: Sequence[_Shell]) -> tuple[np.ndarray, np.nda
     return points, normals / np.linalg.norm(normals, axis=2, keepdims=True)
 
 
-def _cuts(shell: _Shell, other: _Shell, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lines along which triangles are cut: their numbers (N,), and ends (N, 2, 2).
+def _cuts(shell: _Shell, other: _Shell) -> tuple[np.ndarray, np.ndarray]:
+    """Lines along which another glass cuts triangles: their numbers (N,), and ends (N, 2, 2).
 
     The ends are shares of the triangle's second and third corner.
     """
-    mine, theirs = shell.points[pairs[:, 0]], other.points[pairs[:, 1]]
-    # Where an edge of either runs through the other: up to six places, of which two are the ends.
-    places, met = [], []
-    for edges, faces in ((mine, theirs), (theirs, mine)):
-        for corner in range(3):
-            place, on = _through(edges[:, corner], edges[:, (corner + 1) % 3], faces)
-            places.append(place)
-            met.append(on)
-    places, met = np.stack(places, axis=1), np.stack(met, axis=1)
-    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
-    apart[~(met[:, :, None] & met[:, None])] = -1.0
-    far = apart.reshape(len(pairs), -1)
-    ends = np.stack(np.unravel_index(far.argmax(axis=1), apart.shape[1:]), axis=1)
-    cut = np.flatnonzero(far.max(axis=1, initial=-1.0) > 0.0)
-    chosen = places[cut[:, None], ends[cut]]
-    return pairs[cut, 0], _shares(mine[cut], chosen)
+    found = [np.zeros(0, int)], [np.zeros((0, 2, 2))]
+    near = _near(shell.points, other.points)
+    for begin in range(0, len(near), PAIRS):
+        pairs = near[begin : begin + PAIRS]
+        mine, theirs = shell.points[pairs[:, 0]], other.points[pairs[:, 1]]
+        # Where an edge of either runs through the other: of up to six places two are the ends.
+        places, met = [], []
+        for edges, faces in ((mine, theirs), (theirs, mine)):
+            for corner in range(3):
+                place, on = _through(edges[:, corner], edges[:, (corner + 1) % 3], faces)
+                places.append(place)
+                met.append(on)
+        places, met = np.stack(places, axis=1), np.stack(met, axis=1)
+        apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
+        apart[~(met[:, :, None] & met[:, None])] = -1.0
+        far = apart.reshape(len(pairs), places.shape[1] ** 2)
+        ends = np.stack(np.unravel_index(far.argmax(axis=1), apart.shape[1:]), axis=1)
+        cut = np.flatnonzero(far.max(axis=1, initial=-1.0) > 0.0)
+        chosen = places[cut[:, None], ends[cut]]
+        found[0].append(pairs[cut, 0])
+        found[1].append(_shares(mine[cut], chosen))
+    return np.concatenate(found[0]), np.concatenate(found[1])
+
+
+def _near(mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Pairs (N, 2) of numbers of triangles (T, 3, 3) whose boxes touch."""
+    slack = SNAP * float(max(np.ptp(part, axis=(0, 1)).max() for part in (mine, theirs)))
+    trees = [_boxes(part) for part in (mine, theirs)]
+    levels = [len(boxes) - 1 for _, boxes in trees]
+    pairs = np.zeros((2, 1), int)
+    while True:
+        one, other = (
+            boxes[level][numbers]
+            for (_, boxes), level, numbers in zip(trees, levels, pairs, strict=True)
+        )
+        touch = (one[:, 0] <= other[:, 1] + slack) & (one[:, 1] >= other[:, 0] - slack)
+        pairs = pairs[:, touch.all(axis=1)]
+        if not any(levels):
+            break
+        # On in both where they are of one level, else in the larger tree.
+        deepest = max(levels)
+        for side in range(2):
+            if levels[side] < deepest:
+                continue
+            levels[side] -= 1
+            below = BRANCHES * pairs[side][:, None] + np.arange(BRANCHES)
+            pairs = np.repeat(pairs, BRANCHES, axis=1)
+            pairs[side] = below.ravel()
+            pairs = pairs[:, pairs[side] < len(trees[side][1][levels[side]])]
+    return np.stack([order[numbers] for (order, _), numbers in zip(trees, pairs, strict=True)], 1)
+
+
+def _boxes(points: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """An order (T,) of triangles in which neighbours are near each other, and boxes round them.
+
+    Boxes are (B, 2, 3), of each triangle first, then of `BRANCHES` boxes each, up to one of all.
+    """
+    low, high = points.min(axis=1), points.max(axis=1)
+    middle = 0.5 * (low + high)
+    cell = middle - middle.min(axis=0)
+    cell = (cell * ((CELLS - 1) / max(float(cell.max()), LEAST))).astype(np.int64)
+    # Morton's order: the bits of the three coordinates in turn.
+    code = np.zeros(len(points), np.int64)
+    for bit in range(CELLS.bit_length() - 1):
+        for axis in range(3):
+            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    order = np.argsort(code, kind="stable")
+    boxes = [np.stack((low, high), axis=1)[order]]
+    while len(boxes[-1]) > 1:
+        starts = np.arange(0, len(boxes[-1]), BRANCHES)
+        lower = np.minimum.reduceat(boxes[-1][:, 0], starts)
+        upper = np.maximum.reduceat(boxes[-1][:, 1], starts)
+        boxes.append(np.stack((lower, upper), axis=1))
+    return order, boxes
 
 
 def _through(begin: np.ndarray, end: np.ndarray, faces: np.ndarray) -> tuple:
-    """Where lines (N, 3) to (N, 3) run through triangles (N, 3, 3), and (N,) whether they do."""
+    """Where lines (N, 3) to (N, 3) run through triangles (N, 3, 3), and (N,) whether they do.
+
+    A line that ends on a triangle does; one in its plane does not.
+    """
     normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     before, behind = (np.einsum("nk,nk->n", normal, place - faces[:, 0]) for place in (begin, end))
-    crosses = (before > 0.0) != (behind > 0.0)
+    # What rounding may put off the plane is on it.
+    least = SNAP * np.linalg.norm(normal, axis=1) * np.abs(faces - faces[:, :1]).max(axis=(1, 2))
+    before, behind = (np.where(np.abs(off) < least, 0.0, off) for off in (before, behind))
+    crosses = (np.sign(before) * np.sign(behind) <= 0.0) & (before != behind)
     step = np.where(crosses, before - behind, 1.0)
     place = begin + (before / step)[:, None] * (end - begin)
     shares = _shares(faces, place[:, None])[:, 0]
