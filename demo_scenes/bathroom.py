@@ -26,7 +26,8 @@ LOW, HIGH = (-0.06, -0.05), (0.26, 0.27)
 BACK, THICKNESS = 0.0, 0.006
 WAVES = (((62.0, 21.0), 0.00040), ((-33.0, 88.0), 0.00028), ((140.0, -75.0), 0.00010))
 """Wave vectors along x and z, radians per metre, and heights, metres."""
-STEP = 0.002
+STEP, HOLD = 0.002, 0.0001
+"""Between vertices, and from an edge to the loop that holds it: Cycles smooths sharp edges."""
 WALL_DISTANCE, SHELF_EDGE = 0.22, 0.06
 BOTTLES = (
     ((-0.13, 0.15), 0.022, 0.13, (0.10, 0.28, 0.45)),
@@ -88,13 +89,17 @@ def _finish(name: str, colour, *, unlit: bool) -> None:
 
 def wavy_pane() -> bpy.types.Mesh:
     """An upright pane, waves at its front and flat at its back; its edges are sharp."""
-    count = [round((high - low) / STEP) + 1 for low, high in zip(LOW, HIGH, strict=True)]
-    x, z = (np.linspace(low, high, n) for low, high, n in zip(LOW, HIGH, count, strict=True))
+    x, z = (
+        np.concatenate(
+            ((low,), np.linspace(low + HOLD, high - HOLD, round((high - low) / STEP)), (high,))
+        )
+        for low, high in zip(LOW, HIGH, strict=True)
+    )
     across, up = (part.ravel() for part in np.meshgrid(x, z))
     front = np.full(len(across), BACK - THICKNESS)
     for (along_x, along_z), height in WAVES:
         front -= height * np.sin(along_x * across + along_z * up)
-    columns, rows = count
+    columns, rows = len(x), len(z)
     grid = common.grid_faces(rows, columns, flip=True)
     edge = np.concatenate(
         (
