@@ -349,22 +349,24 @@ def _summed(
 ) -> FrameResult:
     """The samples of all ways, packed for the compositor."""
     ways = rays.ways
-    light = ways.weight.sum() + rays.dark.sum()
-    unseen = ways.weight[shown.view == UNSEEN].sum() + rays.dark.sum()
+    share = rays.share[ways.ray]
+    weight = share * ways.weight
+    dark = (rays.share * rays.dark).sum()
+    light = weight.sum() + dark
+    unseen = weight[shown.view == UNSEEN].sum() + dark
     unseen = float(unseen / light) if light > 0.0 else 0.0
     told = shown
     shown, guessed = stand_ins(scene.things, ways, shown)
     known = known_light(scene.things, scene.normals, frame.sky, ways, told)
     radiance = frame.clamp.limited(known, ways)
     radiance += guessed
-    share = rays.share[ways.ray]
     pixel = _window_pixels(rays.pixel[ways.ray], frame.view)
     packed = PackedPixels(np.unique(pixel))
     width, height = _window_size(frame.view)
-    dark = np.flatnonzero(rays.dark)
-    dark_pixel = _window_pixels(rays.pixel[dark], frame.view)
-    covering = np.bincount(pixel, share * ways.weight, width * height)
-    covering += np.bincount(dark_pixel, rays.share[dark] * rays.dark[dark], width * height)
+    black = np.flatnonzero(rays.dark)
+    black_pixel = _window_pixels(rays.pixel[black], frame.view)
+    covering = np.bincount(pixel, weight, width * height)
+    covering += np.bincount(black_pixel, rays.share[black] * rays.dark[black], width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
     samples, parts, alphas, reports, curtains = [], [], [], [], []
     skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
@@ -376,14 +378,14 @@ def _summed(
         part = pack(packed, pixel[order], uv, ways.colour[order] * share[order, None])
         alpha = np.zeros_like(part.colour)
         flat = alpha.reshape(-1, 4)
-        flat[: len(order), :3] = (ways.weight[order] * share[order])[:, None]
+        flat[: len(order), :3] = weight[order][:, None]
         parts.append(part)
         alphas.append(alpha)
         count, hidden = 1, NO_CURTAIN
         if view is not None and number:
             used = looked_up(view, shown.pixels[some])
             hidden = curtain(view, used)
-            worth = _worth(pixel[order], ways.weight[order] * share[order], covering.sum())
+            worth = _worth(pixel[order], weight[order], covering.sum())
             count = max(1, int(np.ceil(worth * frame.samples)))
         samples.append(count)
         curtains.append(hidden)
@@ -391,13 +393,13 @@ def _summed(
             count = count if number else frame.samples
             name = f"capture {number}" if number else "direct"
             name = f"sky {skies.index(number) + 1}" if view.sky_only else name
-            carried = float(ways.weight[order].sum() / light) if light > 0.0 else 0.0
+            carried = float(weight[order].sum() / light) if light > 0.0 else 0.0
             reports.append(ViewReport(name, count, carried))
     lit = np.flatnonzero(glints.colour.any(axis=1))
     lit_pixel = _window_pixels(glints.pixel[lit], frame.view)
     colour = np.concatenate((radiance * ways.colour * share[:, None], glints.colour[lit]))
     covers = (shown.view == KNOWN) & ~(ways.is_sky & frame.sky.is_clear(ways))
-    opaque = (covers * ways.weight * share)[:, None] * np.ones(3)
+    opaque = (covers * weight)[:, None] * np.ones(3)
     return FrameResult(
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
