@@ -349,11 +349,11 @@ def _summed(
 ) -> FrameResult:
     """The samples of all ways, packed for the compositor."""
     ways = rays.ways
+    # A ray counts by its part of a pixel.
     share = rays.share[ways.ray]
-    weight = share * ways.weight
-    dark = (rays.share * rays.dark).sum()
-    light = weight.sum() + dark
-    unseen = weight[shown.view == UNSEEN].sum() + dark
+    weight, dark_weight = ways.weight * share, rays.dark * rays.share
+    light = weight.sum() + dark_weight.sum()
+    unseen = weight[shown.view == UNSEEN].sum() + dark_weight.sum()
     unseen = float(unseen / light) if light > 0.0 else 0.0
     told = shown
     shown, guessed = stand_ins(scene.things, ways, shown)
@@ -363,22 +363,22 @@ def _summed(
     pixel = _window_pixels(rays.pixel[ways.ray], frame.view)
     packed = PackedPixels(np.unique(pixel))
     width, height = _window_size(frame.view)
-    black = np.flatnonzero(rays.dark)
-    black_pixel = _window_pixels(rays.pixel[black], frame.view)
+    dark = np.flatnonzero(rays.dark)
+    dark_pixel = _window_pixels(rays.pixel[dark], frame.view)
     covering = np.bincount(pixel, weight, width * height)
-    covering += np.bincount(black_pixel, rays.share[black] * rays.dark[black], width * height)
+    covering += np.bincount(dark_pixel, dark_weight[dark], width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
     samples, parts, alphas, reports, curtains = [], [], [], [], []
     skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
     for number, view in enumerate(views):
         some = np.flatnonzero(shown.view == number)
         order = some[np.argsort(pixel[some], kind="stable")]
-        order = order[strongest(pixel[order], ways.weight[order])]
+        order = order[strongest(pixel[order], weight[order])]
         uv = view.uv(shown.pixels[order]) if len(order) else np.zeros((0, 2))
         part = pack(packed, pixel[order], uv, ways.colour[order] * share[order, None])
         alpha = np.zeros_like(part.colour)
         flat = alpha.reshape(-1, 4)
-        flat[: len(order), :3] = weight[order][:, None]
+        flat[: len(order), :3] = weight[order, None]
         parts.append(part)
         alphas.append(alpha)
         count, hidden = 1, NO_CURTAIN

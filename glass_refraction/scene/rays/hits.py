@@ -39,6 +39,8 @@ KINDS = 5
 """Of light paths whose virtual eyes are tried for a capture, those with most unseen light."""
 NEAR_SHARE = 0.5
 """Part of the distance to the nearest hit from where a capture sees."""
+BACK = 1.0
+"""How far before surfaces an eye stands that sees them squarely, in their hits' spread."""
 TRIED = 4000
 """Ways that decide how well a place for a capture suits."""
 GRAZING = 1.0 / 64.0
@@ -401,7 +403,8 @@ def _best_capture(
     light = np.bincount(kind, ways.weight, len(kinds))
     groups = [np.flatnonzero(kind == k) for k in np.argsort(-light, kind="stable")[:KINDS]]
     groups.append(np.arange(len(ways)))
-    parts = [ways.take(group[:: max(1, len(group) // TRIED)]) for group in groups]
+    groups = [group[:: max(1, len(group) // TRIED)] for group in groups]
+    parts = [ways.take(group) for group in groups]
     tried = [(virtual_eye(p.origin, p.direction, p.weight), p) for p in parts]
     # From where the light leaves the glass it sees what the exit rays see.
     tried += [(np.average(p.origin, axis=0, weights=p.weight), p) for p in parts]
@@ -411,6 +414,8 @@ def _best_capture(
         return float((ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum())
 
     views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, ways)]
+    eyes = [_eye_before(hits.take(group), ways.weight[group]) for group in groups]
+    views += [_capture_from(eye, ways, direct, aspect, near) for eye in eyes if eye is not None]
     judged = [(v, _quality(scene, v, hits, spacing)) for v in views if v is not None]
     most = [gain(quality) for _, quality in judged]
     best, found = 0.0, None
@@ -434,6 +439,19 @@ def _best_capture(
         return found
     view = found[0].opened(too_fine)
     return view, _seen(scene, view, hits, _quality(scene, view, hits, spacing))
+
+
+def _eye_before(hits: Hits, weight: np.ndarray) -> np.ndarray | None:
+    """(3,) from where surfaces that are met from all sides are seen squarely; None of the sky."""
+    some = np.flatnonzero(~hits.is_sky)
+    if not len(some):
+        return None
+    points, weight = hits.point[some], weight[some]
+    middle = np.average(points, axis=0, weights=weight)
+    reach = np.sqrt(np.average(squares(points - middle), weights=weight))
+    towards = -np.average(hits.normal[some] * hits.side[some, None], axis=0, weights=weight)
+    length = np.linalg.norm(towards)
+    return middle + towards * (BACK * reach / length) if length > 0.0 else None
 
 
 def _capture_from(eye, ways: Ways, direct: RadianceView, aspect: float, near: float):
