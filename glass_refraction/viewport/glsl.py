@@ -670,29 +670,23 @@ float ior_of(int holder)
 }
 
 #ifdef MESHES
-/* Whether an interpolated normal leads rays to the right side of the face (see `bent` in
+/* An interpolated normal off which no ray is reflected into the face (see `bent` in
  * optics/facets.py). */
-bool is_right(vec3 n, vec3 flat_, vec3 d, float eta, vec2 least)
+bool is_right(vec3 n, vec3 flat_, vec3 d, float least)
 {
-  float cosine = -dot(n, d), behind;
-  float up = dot(d, flat_) + 2.0 * cosine * dot(n, flat_);
-  bool total = fresnel(clamp(cosine, 0.0, 1.0), eta, behind) >= 1.0;
-  vec3 through = eta * d + (eta * cosine - behind) * n;
-  return cosine > 0.0 && up >= least.x && (total || -dot(through, flat_) >= least.y);
+  return dot(n, d) < 0.0 && dot(reflect(d, n), flat_) >= least;
 }
 
-vec3 bent(vec3 n, vec3 flat_, vec3 d, float eta)
+vec3 bent(vec3 n, vec3 flat_, vec3 d)
 {
-  float below;
-  fresnel(clamp(-dot(flat_, d), 0.0, 1.0), eta, below);
-  vec2 least = min(BENT_SHARE * vec2(-dot(flat_, d), below), vec2(BENT_CLEAR));
-  if (n == flat_ || is_right(n, flat_, d, eta, least)) {
+  float least = min(-BENT_SHARE * dot(flat_, d), BENT_CLEAR);
+  if (n == flat_ || is_right(n, flat_, d, least)) {
     return n;
   }
   float low = 0.0, high = 1.0;
   for (int k = 0; k < BENT_HALVINGS; k++) {
     float middle = 0.5 * (low + high);
-    if (is_right(normalize(mix(n, flat_, middle)), flat_, d, eta, least)) {
+    if (is_right(normalize(mix(n, flat_, middle)), flat_, d, least)) {
       high = middle;
     }
     else {
@@ -866,7 +860,7 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       float eta = ior_of(holder) / ior_of(holder_after);
 #ifdef MESHES
       if (is_mesh) {
-        n = bent(n, flat_, d, eta);
+        n = bent(n, flat_, d);
       }
 #endif
       float cosine = clamp(-dot(n, d), 0.0, 1.0), behind;
@@ -891,6 +885,14 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       vec3 turned = d + 2.0 * cosine * n;
       d = normalize(eta * d + (eta * cosine - behind) * n);
       p = here - clear;
+#ifdef MESHES
+      if (is_mesh && dot(d, flat_) >= 0.0 && light.w > enough) {
+        /* Refracted to before the face: black, as in Cycles. */
+        leave(to_common(hit, p), turn_out(hit, d), vec4(vec3(0.0), light.w), hit, ways);
+        ways++;
+        light.w = 0.0;
+      }
+#endif
       vec3 second_place = here + clear;
       vec3 second = turned;
       vec4 rest = other;

@@ -273,10 +273,14 @@ def _bands(glasses: Sequence[Glass]) -> list[Band]:
     for band in names:
         seen = [glass.in_light(band) if glass.disperses and band else glass for glass in glasses]
         bodies = [body for body in map(as_body, seen) if body is not None]
-        ranks = _ranks(bodies)
-        placed = [_placed(body, rank) for body, rank in zip(bodies, ranks, strict=True)]
-        found.append((BAND_COLOURS[band], placed))
+        found.append((BAND_COLOURS[band], placed_glasses(bodies)))
     return found
+
+
+def placed_glasses(bodies: Sequence[Glass]) -> list[optics.Placed]:
+    """Glasses with all the faces that bound them, as the tracer takes them."""
+    ranks = _ranks(bodies)
+    return [_placed(body, rank) for body, rank in zip(bodies, ranks, strict=True)]
 
 
 def _ranks(bodies: Sequence[Glass]) -> list[int]:
