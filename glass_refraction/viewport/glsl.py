@@ -957,7 +957,14 @@ vec4 smooth_at(sampler2D tx, vec2 pixel)
 }
 """
 
-VIEWS = """
+EDGE = """
+/* Widths of a pixel by which a surface comes nearer from look to look; more is another's edge. */
+#define EDGE 12.0
+"""
+
+VIEWS = (
+    EDGE
+    + """
 #define FAR_OFF 1e19
 #define TILE 8
 /* Pixels from look to look where a tile does not tell. */
@@ -978,11 +985,10 @@ VIEWS = """
 #define THIN 0.03
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
-/* Widths of a pixel by which a surface comes nearer from look to look; more is another's edge. */
-#define EDGE 12.0
 #define UNKNOWN -1e18
-/* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1/2. */
-#define LIMB 1.4
+/* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1, more than which no pixel can be within an
+ * edge. */
+#define LIMB_MOST 2.42
 /* Where a thing is nearer to a face than this, in common units, it touches it. */
 #define TOUCHING 0.03
 /* How much nearer than the glass a thing must be to cover it, in common units. */
@@ -1049,6 +1055,16 @@ float smooth_gap(int slot, vec3 p)
   return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
 }
 
+/* Whether a capture sees that there is nothing at a place. */
+bool is_open(int slot, vec3 p)
+{
+  if (slot < 0) {
+    return false;
+  }
+  vec3 q = p - view.captures[slot].xyz;
+  return smooth_gap(slot, q) < THIN + THICK_PART * length(q);
+}
+
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
 
 /* The colour in a direction, smoothed over pixels that are about as far as the nearest one. */
@@ -1076,6 +1092,7 @@ vec4 capture_colour(int slot, vec3 d)
   return vec4(colour, depth <= -FAR_OFF ? 0.0 : 1.0);
 }
 """
+)
 
 LOOKUP = (
     VIEWS
@@ -1102,21 +1119,107 @@ bool in_view(vec4 begin, vec4 step_, float z0, float z1, inout float low, inout 
   return low < high;
 }
 
-/* Depth of a round thing's edge, which lies up to a look before a pixel that shows `shown`: depths
- * grow towards it as a square root, whose mean course over a pixel leads from two of them to it. */
-float limb_at(vec2 pixel, vec2 heading, float shown)
+/* Which of the pixels round a place counts for it, where things end in front of others: those of the
+ * nearer and those of the farther ones vote, the more the nearer they lie, so that edges run straight
+ * where pixels make them stairs. */
+ivec2 pixel_for(vec2 at)
 {
-  float before = depth_at(ivec2(pixel - heading));
-  if (abs(before - shown) > edge_at(shown)) {
-    before = shown;
-    shown = depth_at(ivec2(pixel + heading));
+  ivec2 last = ivec2(view.size.xy) - 1;
+  ivec2 middle = clamp(ivec2(at), ivec2(0), last);
+  if (texelFetch(depth_tx, middle, 0).g == 0.0) {
+    return middle;
   }
-  return before + LIMB * max(before - shown, 0.0);
+  vec2 f = clamp(at - vec2(middle) - 0.5, -0.5, 0.5);
+  /* Shares of a quadratic B-spline: of the pixel before, of this one, of the one after. */
+  vec2 shares[3];
+  shares[0] = 0.5 * (0.5 - f) * (0.5 - f);
+  shares[1] = 0.75 - f * f;
+  shares[2] = 0.5 * (0.5 + f) * (0.5 + f);
+  float near = FAR_OFF, far = -FAR_OFF;
+  for (int k = 0; k < 9; k++) {
+    float depth = depth_at(middle + ivec2(k % 3, k / 3) - 1);
+    near = min(near, depth);
+    far = max(far, depth);
+  }
+  float limit = near + edge_at(near);
+  float votes = 0.0;
+  vec2 most = vec2(-1.0);
+  ivec2 nearer = middle, farther = middle;
+  for (int k = 0; k < 9; k++) {
+    ivec2 one = ivec2(k % 3, k / 3);
+    ivec2 pixel = clamp(middle + one - 1, ivec2(0), last);
+    float share = shares[one.x].x * shares[one.y].y;
+    if (depth_at(pixel) < limit) {
+      votes += share;
+      if (share > most.x) {
+        most.x = share;
+        nearer = pixel;
+      }
+    }
+    else if (share > most.y) {
+      most.y = share;
+      farther = pixel;
+    }
+  }
+  return votes > 0.5 ? nearer : farther;
+}
+
+float depth_near(vec2 at) { return depth_at(pixel_for(at)); }
+
+/* The colour at a place, of the thing that counts for it: at edges without the others'. */
+vec4 thing_at(vec2 at)
+{
+  ivec2 pixel = pixel_for(at);
+  vec2 shown = texelFetch(depth_tx, pixel, 0).rg;
+  if (shown.g == 0.0) {
+    return direct_at(at);
+  }
+  ivec2 last = ivec2(view.size.xy) - 1;
+  vec2 low = floor(at - 0.5);
+  vec2 t = at - 0.5 - low;
+  vec4 mixed = vec4(0.0);
+  float whole = 0.0;
+  for (int k = 0; k < 4; k++) {
+    ivec2 one = ivec2(k & 1, k >> 1);
+    ivec2 there = clamp(ivec2(low) + one, ivec2(0), last);
+    vec2 part = mix(1.0 - t, t, vec2(one));
+    float other = depth_at(there);
+    if (abs(other - shown.r) < edge_at(min(other, shown.r))) {
+      whole += part.x * part.y;
+      mixed += part.x * part.y * texelFetch(direct_tx, there, 0);
+    }
+  }
+  return whole > 0.0 ? mixed / whole : texelFetch(direct_tx, pixel, 0);
+}
+
+/* Depth of a round thing's edge, which lies up to a look before a pixel that shows `shown`. From the
+ * edge on depths differ from the edge's as a square root grows: three in a row tell where it is. */
+float limb_at(vec2 at, vec2 heading)
+{
+  ivec2 along = abs(heading.x) > abs(heading.y) ? ivec2(heading.x > 0.0 ? 1 : -1, 0)
+                                                : ivec2(0, heading.y > 0.0 ? 1 : -1);
+  ivec2 pixel = pixel_for(at);
+  float one = depth_at(pixel);
+  float before = depth_at(pixel - along);
+  if (abs(before - one) < edge_at(min(before, one))) {
+    one = before;
+    pixel -= along;
+  }
+  float two = depth_at(pixel + along), three = depth_at(pixel + 2 * along);
+  float first = one - two, second = three - two;
+  float least = edge_at(one);
+  if (first <= 0.0 || first > least || abs(second) > least) {
+    return one;
+  }
+  /* (L - z)² grows by as much from pixel to pixel. */
+  float bends = first + second;
+  float rise = bends > 0.0 ? (first * first + second * second) / (2.0 * bends) - first : NOWHERE;
+  return one + clamp(rise, 0.0, LIMB_MOST * first);
 }
 
 /* Where a ray meets what the view shows: marched through the view's depths, pixel by pixel, and
  * over whole tiles that it passes in front of or behind. `hidden`: it was behind something. */
-bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out bool hidden)
+bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float way, out bool hidden)
 {
   hidden = false;
   at = vec2(0.0);
@@ -1142,13 +1245,15 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
   vec2 heading = span / pixels;
   vec2 per = 1.0 / max(abs(span), vec2(1e-6));
   float u = 0.0;
-  float shown_before = depth_at(ivec2(a));
+  float shown_before = depth_near(a);
   float before = z0 + low * z1 - shown_before;
   float z_before = z0 + low * z1;
   bool behind = before > NEARER;
   /* Depth of the edge that the ray passed behind. */
   float limb = UNKNOWN;
   float u_before = 0.0;
+  /* How far the ray lay behind the thing's back. */
+  float over_before = 0.0;
   hidden = hidden || behind;
   for (int k = 0; k < DIRECT_STEPS; k++) {
     if (u >= 1.0) {
@@ -1169,6 +1274,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       u = next;
       u_before = u;
       z_before = z;
+      over_before = 0.0;
       shown_before = UNKNOWN;
       continue;
     }
@@ -1177,17 +1283,18 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       u = next;
       u_before = u;
       z_before = z;
+      over_before = 0.0;
       shown_before = UNKNOWN;
       continue;
     }
     if (shown_before <= UNKNOWN) {
-      shown_before = depth_at(ivec2(pixel));
+      shown_before = depth_near(pixel);
       before = z_before - shown_before;
       if (!behind && before > SLACK) {
         /* An edge lies just at the tile's: the ray passes behind it. */
         behind = true;
         hidden = true;
-        limb = limb_at(pixel, heading, shown_before);
+        limb = limb_at(pixel, heading);
       }
       else if (before <= 0.0) {
         behind = false;
@@ -1198,7 +1305,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
         ((1.0 - next) * two.w + next * one.w);
     z = z0 + t * z1;
     pixel = a + next * span;
-    float shown = depth_at(ivec2(pixel));
+    float shown = depth_near(pixel);
     float gap = z - shown;
     float jump = shown_before - shown;
     bool met = false;
@@ -1209,20 +1316,30 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       /* One surface goes on from pixel to pixel; behind an edge the ray may pass. */
       met = jump < edge_at(shown) + abs(z - z_before);
       behind = !met;
-      limb = met ? UNKNOWN : limb_at(pixel, heading, shown);
+      limb = met ? UNKNOWN : limb_at(pixel, heading);
+      over_before = 0.0;
     }
     else if (jump > edge_at(shown)) {
-      limb = limb_at(pixel, heading, shown);
+      limb = limb_at(pixel, heading);
+      over_before = 0.0;
     }
     else if (jump < -edge_at(shown)) {
       limb = UNKNOWN;
     }
     /* Round things are as thick behind their edge as before it: the back is the front's mirror
      * image. */
-    met = met || (behind && limb > UNKNOWN && z - limb < limb - shown + SLACK);
+    float over = z + shown - 2.0 * limb - SLACK;
+    if (behind && limb > UNKNOWN && over < 0.0) {
+      met = !is_open(slot, o + t * d);
+      /* What was seen from within the glass leaves no doubt: the thing is not as thick. */
+      limb = met ? limb : UNKNOWN;
+    }
     if (met) {
       float part = clamp(before < 0.0 ? -before / (gap - before) : 0.0, 0.0, 1.0);
-      float found = behind ? next : mix(u_before, next, part);
+      if (behind) {
+        part = over_before > 0.0 ? over_before / (over_before - over) : 1.0;
+      }
+      float found = mix(u_before, next, part);
       at = a + found * span;
       way = ((1.0 - found) * low * two.w + found * high * one.w) /
             ((1.0 - found) * two.w + found * one.w);
@@ -1234,6 +1351,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
     before = min(gap, -1e-9);
     z_before = z;
     shown_before = shown;
+    over_before = over;
   }
   hidden = true;
   return false;
@@ -1313,9 +1431,9 @@ bool seen(vec3 o, vec3 d, float reach, int slot, out vec4 colour, out float way)
   way = reach;
   colour = vec4(0.0);
   if (has_depth != 0) {
-    found = march_direct(o, d, reach, pixel, way, hidden);
+    found = march_direct(o, d, reach, slot, pixel, way, hidden);
     if (found) {
-      colour = direct_at(pixel);
+      colour = thing_at(pixel);
     }
   }
   if (slot >= 0 && hidden) {
@@ -1341,8 +1459,8 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
   bool shown = clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
                all(lessThan(pixel, view.size.xy));
-  if (has_depth != 0 && shown && depth_at(ivec2(pixel)) >= FAR_OFF) {
-    return direct_at(pixel);
+  if (has_depth != 0 && shown && depth_near(pixel) >= FAR_OFF) {
+    return thing_at(pixel);
   }
   if (slot >= 0) {
     return capture_colour(slot, d);
@@ -1367,7 +1485,7 @@ bool covered(vec3 p)
   }
   vec4 clip = view.to_clip * vec4(p, 1.0);
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
-  return depth_at(ivec2(pixel)) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
+  return depth_near(pixel) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
 }
 
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)
@@ -1430,8 +1548,8 @@ bool touches(vec3 at, vec3 d, vec4 light, int g, int number)
   float near = TOUCHING * row(9 + GLASS_ROWS * g).x;
   if (has_depth != 0 && clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
       all(lessThan(pixel, view.size.xy))) {
-    if (abs(depth_at(ivec2(pixel)) - dot(view.depth_row, vec4(at, 1.0))) < near) {
-      add(direct_at(pixel), light);
+    if (abs(depth_near(pixel) - dot(view.depth_row, vec4(at, 1.0))) < near) {
+      add(thing_at(pixel), light);
       return true;
     }
   }
@@ -1660,9 +1778,31 @@ void main()
   float along = min(value_at(p - ivec2(0, LINE)), value_at(p + ivec2(0, LINE)));
   value = max(value, max(across, along));
   float depth = (line.x + line.y * value) / (line.z + line.w * value);
-  frag = vec4(value >= 1.0 ? FAR_OFF : depth);
+  frag = vec4(value >= 1.0 ? FAR_OFF : depth, 0.0, 0.0, 0.0);
 }
 """
+
+# The same depths, and which pixels have others beside them that lie in front of them or behind.
+STEPS = (
+    EDGE
+    + """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  ivec2 last = textureSize(depth_tx, 0) - 1;
+  float depth = texelFetch(depth_tx, pixel, 0).r;
+  float near = depth, far = depth;
+  for (int k = 0; k < 9; k++) {
+    ivec2 other = clamp(pixel + ivec2(k % 3, k / 3) - 1, ivec2(0), last);
+    float value = texelFetch(depth_tx, other, 0).r;
+    near = min(near, value);
+    far = max(far, value);
+  }
+  bool is_step = far - near > EDGE * (width.x + width.y * near);
+  frag = vec4(depth, is_step ? 1.0 : 0.0, 0.0, 0.0);
+}
+"""
+)
 
 # The nearest and the farthest depth in each tile of the view.
 TILES = """

@@ -19,7 +19,7 @@ import numpy as np
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import Frame, Posed, trees_of
-from .eye import common_line, depth_begin, pack_view
+from .eye import common_line, depth_begin, pack_view, pixel_width
 from .trees import ROW_BITS, Tree
 
 TILE = 8
@@ -45,7 +45,7 @@ class Direct:
     Attributes
     ----------
     colour, tiles : textures. raw, depth : of the depth buffer's values, and of what they mean in
-        units of the common frame, see `glsl.DEPTH`; line : the numbers (a, b, c, d) between both.
+        units of the common frame, see `glsl.DEPTH` and `glsl.STEPS`; line : the numbers (a, b, c, d) between both.
     has_depth : EEVEE writes none while overlays are off.
     stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
         reading, what was Python's and NumPy's part.
@@ -59,7 +59,9 @@ class Direct:
         self.stamp: np.ndarray | None = None
         self.python_seconds = 0.0
         self._buffers: tuple = ()
-        self._to_depth = self._to_tiles = None
+        self._plain = self._to_depth = self._to_tiles = None
+        self._stepped = self._to_stepped = None
+        self._depths: np.ndarray | None = None
 
     def read(self, framebuffer, view: Viewpoint, frame: Frame) -> bool:
         """Take the view's picture over; whether it differs from the last one."""
@@ -70,7 +72,9 @@ class Direct:
                 gpu.types.Buffer("FLOAT", (height, width, 4)),
                 gpu.types.Buffer("FLOAT", (height, width)),
             )
-            self.depth, self._to_depth = _target(view.size, "R32F")
+            self._plain, self._to_depth = _target(view.size, "RG32F")
+            self._stepped, self._to_stepped = _target(view.size, "RG32F")
+            self._depths = None
             # Four channels: two of them cannot be read back everywhere.
             self.tiles, self._to_tiles = _target(tuple(-(-n // TILE) for n in view.size), "RGBA32F")
         colour, depth = self._buffers
@@ -88,11 +92,29 @@ class Direct:
         began = time.thread_time()
         tiles = np.asarray(read).reshape(rows, columns, 4)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
+        if self._depths is None or not np.array_equal(tiles[..., :2], self._depths):
+            self._depths, self.depth = tiles[..., :2].copy(), self._plain
         stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
         self.python_seconds = time.thread_time() - began
         return not same
+
+    def find_steps(self, view: Viewpoint, frame: Frame) -> None:
+        """See that the depths tell where things end in front of others: edges get smooth by it."""
+        if self.depth is self._stepped:
+            return
+        shader = _shader("steps")
+        with self._to_stepped.bind():
+            gpu.state.viewport_set(0, 0, *self.size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("depth_tx", self._plain)
+            shader.uniform_float("width", pixel_width(view, frame))
+            shader.uniform_float("box", WHOLE)
+            _quad().draw(shader)
+        self.depth = self._stepped
 
     def _fill(self, target, name: str, size: tuple[int, int]) -> None:
         """Fill a texture that is made of the depth buffer's values."""
@@ -672,6 +694,12 @@ DESCRIPTIONS = {
         "samplers": ["raw_tx"],
         "outputs": ["frag"],
         "fragment": glsl.DEPTH,
+    },
+    "steps": {
+        "constants": [("VEC4", "box"), ("VEC2", "width")],
+        "samplers": ["depth_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.STEPS,
     },
     "tiles": {
         "constants": [("VEC4", "box"), ("VEC4", "line")],

@@ -597,6 +597,7 @@ def _work(view: _View, window, space, region) -> None:
             region.tag_redraw()
         return
     settings = scene.refractive_glass
+    painter.direct.find_steps(view.eye, view.model.frame)
     until = time.perf_counter() + SLICE_SECONDS
     while time.perf_counter() < until and not view.final:
         if view.stage == MOVING:
