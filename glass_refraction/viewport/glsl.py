@@ -1663,7 +1663,7 @@ RESULT = (
     SMOOTH
     + """
 #define LINE_REACH 1
-#define LINE_PART 0.004
+#define LINE_PART 0.0003
 
 /* Whether an overlay's line at the depth of the glasses is drawn here or right beside. */
 bool is_line(ivec2 pixel)
