@@ -1655,27 +1655,59 @@ void main()
 }
 """
 
+# Edges and points of glasses, whose depths tell where an overlay drew them. `begin`: 0 or 1: all that
+# is drawn with 1 lies behind all that is drawn with 0.
+WIRES_VERTEX = """
+void main()
+{
+  gl_Position = to_clip * vec4(place, 1.0);
+  gl_Position.z = 0.5 * gl_Position.z + (begin - 0.5) * gl_Position.w;
+  gl_PointSize = dot_size;
+}
+"""
+
+WIRES = """
+void main() { frag = vec4(2.0 * gl_FragCoord.z - begin); }
+"""
+
+# Whether an overlay's line that a glass is drawn by is at a pixel, of which the depth buffer has a
+# value. `line`: see `eye.common_line`.
+WIRE_AT = """
+/* By how much the depth of a line may differ from that of an edge, as part of it: overlays draw
+ * lines a little nearer, and edges are drawn a pixel wider here. */
+#define WIRE_PART 0.004
+
+float depth_of(float value) { return (line.x + line.y * value) / (line.z + line.w * value); }
+
+bool is_wire(ivec2 pixel, float value)
+{
+  float wire = texelFetch(wire_tx, pixel, 0).r;
+  if (wire > 1.0 || value >= 1.0) {
+    return false;
+  }
+  float depth = depth_of(value);
+  return abs(depth - depth_of(wire)) < WIRE_PART * max(abs(depth), 1.0);
+}
+"""
+
 # Puts the picture into the view. part 0: what the view's pixels are multiplied by, 1: what is added
 # to them; 2: what the background, which lies in the overlay, is multiplied by, 3: the background
 # that is added where a surface stood. The overlay also has the lines that the glasses are drawn by
 # so that they can be clicked at; where no glass is selected they are taken out.
 RESULT = (
     SMOOTH
+    + WIRE_AT
     + """
 #define LINE_REACH 1
-#define LINE_PART 0.0003
 
-/* Whether an overlay's line at the depth of the glasses is drawn here or right beside. */
+/* Whether an overlay's line that a glass is drawn by is here or right beside. */
 bool is_line(ivec2 pixel)
 {
   ivec2 last = textureSize(direct_tx, 0) - 1;
   for (int y = -LINE_REACH; y <= LINE_REACH; y++) {
     for (int x = -LINE_REACH; x <= LINE_REACH; x++) {
       ivec2 p = clamp(pixel + ivec2(x, y), ivec2(0), last);
-      float value = texelFetch(raw_tx, p, 0).r;
-      float depth = (line.x + line.y * value) / (line.z + line.w * value);
-      if (value < 1.0 && depth > lines_at.x && depth < lines_at.y &&
-          texelFetch(depth_tx, p, 0).r > depth + LINE_PART * max(abs(depth), 1.0)) {
+      if (is_wire(p, texelFetch(raw_tx, p, 0).r)) {
         return true;
       }
     }
@@ -1693,7 +1725,7 @@ void main()
 {
   vec4 covers_ = at_pixel(cover_tx);
   float covers = covers_.r / max(covers_.g, 1.0);
-  if (covers <= 0.0 && (part < 2 || lines_at.x >= lines_at.y)) {
+  if (covers <= 0.0 && (part < 2 || lines != 0)) {
     discard;
   }
   if (part == 0) {
@@ -1708,7 +1740,7 @@ void main()
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   float before = texelFetch(direct_tx, pixel, 0).a;
   float after = (1.0 - covers) * before + min(seen.a, covers);
-  bool erased = lines_at.x < lines_at.y && is_line(pixel);
+  bool erased = lines == 0 && is_line(pixel);
   bool is_open = before < 0.99 && !erased;
   if (part == 2) {
     frag = vec4(erased ? 0.0 : (is_open ? (1.0 - after) / (1.0 - before) : 1.0));
@@ -1761,26 +1793,53 @@ void main()
 
 # The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
 # pixels wide, as their lines are, gets the depth of what lies on both sides of it.
-DEPTH = """
+DEPTH = (
+    WIRE_AT
+    + """
 #define FAR_OFF 1e20
 #define LINE 2
+/* Pixels over which lines of glasses may lie side by side. */
+#define MOST_WIRES 24
 
 float value_at(ivec2 pixel)
 {
   return texelFetch(raw_tx, clamp(pixel, ivec2(0), textureSize(raw_tx, 0) - 1), 0).r;
 }
 
+/* The value beyond the lines that lie side by side in one direction. */
+float value_beyond(ivec2 pixel, ivec2 step_)
+{
+  ivec2 last = textureSize(raw_tx, 0) - 1;
+  float value = 1.0;
+  for (int k = 0; k < MOST_WIRES; k++) {
+    pixel = clamp(pixel + step_, ivec2(0), last);
+    value = texelFetch(raw_tx, pixel, 0).r;
+    if (!is_wire(pixel, value)) {
+      break;
+    }
+  }
+  return value;
+}
+
 void main()
 {
   ivec2 p = ivec2(gl_FragCoord.xy);
   float value = value_at(p);
-  float across = min(value_at(p - ivec2(LINE, 0)), value_at(p + ivec2(LINE, 0)));
-  float along = min(value_at(p - ivec2(0, LINE)), value_at(p + ivec2(0, LINE)));
+  ivec2 right = ivec2(1, 0), up = ivec2(0, 1);
+  float across, along;
+  if (is_wire(p, value)) {
+    across = min(value_beyond(p, -right), value_beyond(p, right));
+    along = min(value_beyond(p, -up), value_beyond(p, up));
+  }
+  else {
+    across = min(value_at(p - LINE * right), value_at(p + LINE * right));
+    along = min(value_at(p - LINE * up), value_at(p + LINE * up));
+  }
   value = max(value, max(across, along));
-  float depth = (line.x + line.y * value) / (line.z + line.w * value);
-  frag = vec4(value >= 1.0 ? FAR_OFF : depth, 0.0, 0.0, 0.0);
+  frag = vec4(value >= 1.0 ? FAR_OFF : depth_of(value), 0.0, 0.0, 0.0);
 }
 """
+)
 
 # The same depths, and which pixels have others beside them that lie in front of them or behind.
 STEPS = (

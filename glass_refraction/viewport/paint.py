@@ -19,8 +19,9 @@ import numpy as np
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import Frame, Posed, trees_of
-from .eye import common_line, depth_begin, pack_view, pixel_width
+from .eye import common_line, pack_view, pixel_width
 from .trees import ROW_BITS, Tree
+from .wires import Wires
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -53,6 +54,7 @@ class Direct:
 
     def __init__(self) -> None:
         self.size = (0, 0)
+        self.wires = Wires()
         self.colour = self.raw = self.depth = self.tiles = None
         self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
@@ -84,6 +86,7 @@ class Direct:
         self.colour = gpu.types.GPUTexture(view.size, format="RGBA32F", data=colour)
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
+        self.wires.draw(view)
         self._fill(self._to_depth, "depth", view.size)
         columns, rows = size = self.tiles.width, self.tiles.height
         self._fill(self._to_tiles, "tiles", size)
@@ -125,6 +128,8 @@ class Direct:
             gpu.state.blend_set("NONE")
             shader.bind()
             shader.uniform_sampler("raw_tx", self.raw)
+            if name == "depth":
+                shader.uniform_sampler("wire_tx", self.wires.depth)
             shader.uniform_float("line", self.line)
             shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
@@ -216,7 +221,6 @@ class Painter:
         self.view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
-        self._depths = self._lines_at = (0.0, 0.0)
         self._strips: list[tuple[float, float, float, float]] = []
 
     def describe(
@@ -245,10 +249,6 @@ class Painter:
             self._mesh = mesh_texture(trees) if trees else None
         self.view_block = _uniform(pack_view(view, frame, captures, scene_reach))
         self._view = view
-        middles = np.array([glass.middle() for glass in glasses])
-        ahead = view.clip(middles)[:, 3] / frame.unit - depth_begin(view, frame)
-        reaches = np.array([glass.reach() for glass in glasses]) / frame.unit
-        self._depths = float((ahead - reaches).min()), float((ahead + reaches).max())
         self._rects = merged([screen_rect(glass, view) for glass in glasses])
 
     @property
@@ -476,17 +476,17 @@ class Painter:
             the scene and so has no alpha.
         lines : leave the lines in the overlay that the glasses' meshes are drawn by.
         """
-        self._lines_at = (0.0, 0.0) if lines or not self.direct.has_depth else self._depths
+        lines = lines or not self.direct.has_depth
         with framebuffer.bind():
-            self._result(0, backdrop)
-            self._result(1, backdrop)
-        self._result(2, backdrop)
-        self._result(3, backdrop)
+            self._result(0, backdrop, lines)
+            self._result(1, backdrop, lines)
+        self._result(2, backdrop, lines)
+        self._result(3, backdrop, lines)
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         gpu.state.blend_set("NONE")
 
-    def _result(self, part: int, backdrop) -> None:
+    def _result(self, part: int, backdrop, lines: bool) -> None:
         shader = _shader("result")
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("ADDITIVE_PREMULT" if part % 2 else "MULTIPLY")
@@ -495,9 +495,9 @@ class Painter:
         shader.uniform_sampler("cover_tx", self._used.cover)
         shader.uniform_sampler("direct_tx", self.direct.colour)
         shader.uniform_sampler("raw_tx", self.direct.raw)
-        shader.uniform_sampler("depth_tx", self.direct.depth)
+        shader.uniform_sampler("wire_tx", self.direct.wires.depth)
         shader.uniform_float("line", self.direct.line)
-        shader.uniform_float("lines_at", self._lines_at)
+        shader.uniform_int("lines", int(lines))
         shader.uniform_int("part", part)
         shader.uniform_float("backdrop", backdrop)
         shader.uniform_float("divisor", float(self.divisor))
@@ -663,10 +663,10 @@ DESCRIPTIONS = {
             ("VEC4", "backdrop"),
             ("INT", "part"),
             ("VEC4", "line"),
-            ("VEC2", "lines_at"),
+            ("INT", "lines"),
             ("FLOAT", "divisor"),
         ],
-        "samplers": ["color_tx", "cover_tx", "direct_tx", "raw_tx", "depth_tx"],
+        "samplers": ["color_tx", "cover_tx", "direct_tx", "raw_tx", "wire_tx"],
         "outputs": ["frag"],
         "fragment": glsl.RESULT,
     },
@@ -691,7 +691,7 @@ DESCRIPTIONS = {
     },
     "depth": {
         "constants": [("VEC4", "box"), ("VEC4", "line")],
-        "samplers": ["raw_tx"],
+        "samplers": ["raw_tx", "wire_tx"],
         "outputs": ["frag"],
         "fragment": glsl.DEPTH,
     },

@@ -300,6 +300,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if model.key != key:
         if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
             view.problems = model.problems + _unmarked(layer, True)
+        painter.direct.wires.read(layer, model.shown, told)
         if displaces:
             view.displaced.arrange(layer, space, model.glasses)
         model.key = key
@@ -341,7 +342,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         # Else the engine only refines what it shows: what is there stays until better is done.
         view.stage = MOVING
         _ask_for_rest()
-    selected = any(obj.session_uid in model.shown for obj in layer.objects.selected)
+    drawn = painter.direct.wires.uids
+    selected = any(obj.session_uid in drawn for obj in layer.objects.selected)
     painter.show(view.framebuffer, _backdrop(context), lines=selected)
     python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
