@@ -1673,9 +1673,10 @@ void main() { frag = vec4(2.0 * gl_FragCoord.z - begin); }
 # Whether an overlay's line that a glass is drawn by is at a pixel, of which the depth buffer has a
 # value. `line`: see `eye.common_line`.
 WIRE_AT = """
-/* By how much the depth of a line may differ from that of an edge, as part of it: overlays draw
- * lines a little nearer, and edges are drawn a pixel wider here. */
-#define WIRE_PART 0.004
+/* By how much a line may lie before the nearest edge here and behind it, as part of the depth:
+ * overlays draw lines a little nearer, and edges are drawn a pixel wider here. */
+#define WIRE_BEFORE 0.004
+#define WIRE_BEHIND 0.03
 
 float depth_of(float value) { return (line.x + line.y * value) / (line.z + line.w * value); }
 
@@ -1686,7 +1687,8 @@ bool is_wire(ivec2 pixel, float value)
     return false;
   }
   float depth = depth_of(value);
-  return abs(depth - depth_of(wire)) < WIRE_PART * max(abs(depth), 1.0);
+  float behind = (depth - depth_of(wire)) / max(abs(depth), 1.0);
+  return behind > -WIRE_BEFORE && behind < WIRE_BEHIND;
 }
 """
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..scene.read.arrays import edges, positions
 from ..scene.read.glasses import glass_modifier, glass_objects
-from ..scene.read.modifier_inputs import read_input
+from ..scene.read.modifier_inputs import has_input, read_input
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .news import News
@@ -52,7 +52,9 @@ class Wires:
         for glass in glass_objects(layer):
             if glass.session_uid not in shown:
                 continue
-            profile = read_input(glass_modifier(glass), "Profile")
+            modifier = glass_modifier(glass)
+            # Older files' groups have none.
+            profile = read_input(modifier, "Profile") if has_input(modifier, "Profile") else None
             for obj in (glass, profile) if profile is not None else (glass,):
                 self._read_object(obj, layer.depsgraph, news)
         for uid in self._batches.keys() - self._poses.keys():
