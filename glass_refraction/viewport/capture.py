@@ -141,12 +141,11 @@ class Captures:
         began = time.perf_counter()
         # The light of Solid shading comes with the camera. So the camera stands as the view's, and
         # only its projection is turned: things are lit as they are beside the glass.
-        turn = np.eye(4)
-        if turned is not None:
-            turn[:3, :3] = turned
-        stand = np.eye(4)
-        stand[:3, 3] = -centre
-        away = face_view(face, np.zeros(3)) @ turn.T
+        to_camera, projection = face_view(face, centre), face_projection(near, far)
+        if turned is not None and turns_projections():
+            to_face = to_camera[:3, :3] @ turned.T
+            to_camera[:3, :3], to_camera[:3, 3] = turned, -turned @ centre
+            projection[:, :3] = projection[:, :3] @ to_face
         overlays = space.overlay.show_overlays
         _drawing = True
         try:
@@ -157,8 +156,8 @@ class Captures:
                 layer,
                 space,
                 region,
-                Matrix(turn @ stand),
-                Matrix(face_projection(near, far) @ away),
+                Matrix(to_camera),
+                Matrix(projection),
                 do_color_management=False,
                 draw_background=False,
             )
@@ -200,6 +199,14 @@ class Captures:
             shader.uniform_int("origin", (x, y))
             shader.uniform_float("box", (*low, *high))
             _quad().draw(shader)
+
+
+def turns_projections() -> bool:
+    """Whether things are drawn by a projection that is turned, away from where the camera looks.
+
+    By Vulkan Blender 5.2 clips most of them. There the light of a capture is that of its faces.
+    """
+    return gpu.platform.backend_type_get() != "VULKAN"
 
 
 def axes(face: int) -> np.ndarray:
