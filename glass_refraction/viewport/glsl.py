@@ -986,8 +986,7 @@ VIEWS = (
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
 #define UNKNOWN -1e18
-/* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1, more than which no pixel can be within an
- * edge. */
+/* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1: no pixel at an edge is farther within. */
 #define LIMB_MOST 2.42
 /* Where a thing is nearer to a face than this, in common units, it touches it. */
 #define TOUCHING 0.03
@@ -1119,9 +1118,9 @@ bool in_view(vec4 begin, vec4 step_, float z0, float z1, inout float low, inout 
   return low < high;
 }
 
-/* Which of the pixels round a place counts for it, where things end in front of others: those of the
- * nearer and those of the farther ones vote, the more the nearer they lie, so that edges run straight
- * where pixels make them stairs. */
+/* Which of the pixels round a place counts for it, where things end in front of others: those of
+ * the nearer and those of the farther ones vote, the more the nearer they lie, so that edges run
+ * straight where pixels make them stairs. */
 ivec2 pixel_for(vec2 at)
 {
   ivec2 last = ivec2(view.size.xy) - 1;
@@ -1192,8 +1191,8 @@ vec4 thing_at(vec2 at)
   return whole > 0.0 ? mixed / whole : texelFetch(direct_tx, pixel, 0);
 }
 
-/* Depth of a round thing's edge, which lies up to a look before a pixel that shows `shown`. From the
- * edge on depths differ from the edge's as a square root grows: three in a row tell where it is. */
+/* Depth of a round thing's edge, which lies up to a look before a place. From the edge on depths
+ * differ from the edge's as a square root grows: three in a row tell where it is. */
 float limb_at(vec2 at, vec2 heading)
 {
   ivec2 along = abs(heading.x) > abs(heading.y) ? ivec2(heading.x > 0.0 ? 1 : -1, 0)
@@ -1219,7 +1218,8 @@ float limb_at(vec2 at, vec2 heading)
 
 /* Where a ray meets what the view shows: marched through the view's depths, pixel by pixel, and
  * over whole tiles that it passes in front of or behind. `hidden`: it was behind something. */
-bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float way, out bool hidden)
+bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float way,
+                  out bool hidden)
 {
   hidden = false;
   at = vec2(0.0);
@@ -1611,6 +1611,21 @@ void main()
 
 PICTURE = HOOKS + SMOOTH + FOLLOW + LOOKUP + MAIN
 
+# For tests: the depth that counts for places between pixels, and that of an edge to their left.
+BETWEEN = (
+    HOOKS
+    + SMOOTH
+    + FOLLOW
+    + LOOKUP
+    + """
+void main()
+{
+  vec2 at = gl_FragCoord.xy / parts;
+  frag = vec4(depth_near(at), limb_at(at, vec2(1.0, 0.0)), 0.0, 0.0);
+}
+"""
+)
+
 EXITS = (
     HOOKS
     + FOLLOW
@@ -1655,8 +1670,8 @@ void main()
 }
 """
 
-# Edges and points of glasses, whose depths tell where an overlay drew them. `begin`: 0 or 1: all that
-# is drawn with 1 lies behind all that is drawn with 0.
+# Edges and points of glasses, whose depths tell where an overlay drew them. `begin`, 0 or 1: all
+# that is drawn with 1 lies behind all that is drawn with 0.
 WIRES_VERTEX = """
 void main()
 {
@@ -1700,11 +1715,15 @@ RESULT = (
     SMOOTH
     + WIRE_AT
     + """
-#define LINE_REACH 1
+/* Pixels from a line's own to those that it is smoothed over; the edges are drawn as wide. */
+#define LINE_REACH 2
 
 /* Whether an overlay's line that a glass is drawn by is here or right beside. */
 bool is_line(ivec2 pixel)
 {
+  if (texelFetch(wire_tx, pixel, 0).r > 1.0) {
+    return false;
+  }
   ivec2 last = textureSize(direct_tx, 0) - 1;
   for (int y = -LINE_REACH; y <= LINE_REACH; y++) {
     for (int x = -LINE_REACH; x <= LINE_REACH; x++) {

@@ -18,8 +18,8 @@ import numpy as np
 
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
-from .description import Frame, Posed, trees_of
-from .eye import common_line, pack_view, pixel_width
+from .description import ROWS, Frame, Posed, trees_of
+from .eye import CAPTURES, common_line, pack_view, pixel_width
 from .trees import ROW_BITS, Tree
 from .wires import Wires
 
@@ -46,7 +46,8 @@ class Direct:
     Attributes
     ----------
     colour, tiles : textures. raw, depth : of the depth buffer's values, and of what they mean in
-        units of the common frame, see `glsl.DEPTH` and `glsl.STEPS`; line : the numbers (a, b, c, d) between both.
+        units of the common frame, see `glsl.DEPTH` and `glsl.STEPS`; line : the numbers (a, b, c, d)
+        between both.
     has_depth : EEVEE writes none while overlays are off.
     stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
         reading, what was Python's and NumPy's part.
@@ -105,8 +106,10 @@ class Direct:
 
     def find_steps(self, view: Viewpoint, frame: Frame) -> None:
         """See that the depths tell where things end in front of others: edges get smooth by it."""
-        if self.depth is self._stepped:
-            return
+        if self.depth is not self._stepped:
+            self._mark_steps(pixel_width(view, frame))
+
+    def _mark_steps(self, width: tuple[float, float]) -> None:
         shader = _shader("steps")
         with self._to_stepped.bind():
             gpu.state.viewport_set(0, 0, *self.size)
@@ -114,7 +117,7 @@ class Direct:
             gpu.state.blend_set("NONE")
             shader.bind()
             shader.uniform_sampler("depth_tx", self._plain)
-            shader.uniform_float("width", pixel_width(view, frame))
+            shader.uniform_float("width", width)
             shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
         self.depth = self._stepped
@@ -170,6 +173,48 @@ def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.
     with target.bind():
         read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
+
+
+def depths_between(values: np.ndarray, width: float, parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Depths that count at ``parts``² places in each pixel, for tests; needs a GPU context.
+
+    Parameters
+    ----------
+    values : (height, width) depths of pixels. width : of a pixel, in the depths' unit.
+
+    Returns
+    -------
+    (rows, columns) each: the depths, and those of a round thing's edge to the left of each place.
+    """
+    height, columns = values.shape
+    direct = Direct()
+    direct.size = (columns, height)
+    direct.depth = direct._plain = _texture(np.ascontiguousarray(values, np.float32), "R32F")
+    direct._stepped, direct._to_stepped = _target(direct.size, "RG32F")
+    direct._mark_steps((width, 0.0))
+    block = np.zeros((12 + CAPTURES, 4), np.float32)
+    block[5, 0], block[10, :2] = width, direct.size
+    size = (parts * columns, parts * height)
+    _, target = _target(size, "RGBA32F")
+    shader = _shader("between")
+    # Held until they were drawn with.
+    glasses, view = _uniform(np.zeros((ROWS, 4))), _uniform(block)
+    none = _texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
+    with target.bind():
+        gpu.state.viewport_set(0, 0, *size)
+        gpu.state.depth_test_set("NONE")
+        gpu.state.blend_set("NONE")
+        shader.bind()
+        shader.uniform_block("glasses", glasses)
+        shader.uniform_block("view", view)
+        for name in DESCRIPTIONS["between"]["samplers"]:
+            shader.uniform_sampler(name, direct.depth if name == "depth_tx" else none)
+        shader.uniform_float("parts", float(parts))
+        shader.uniform_float("box", WHOLE)
+        _quad().draw(shader)
+        read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
+    read = read.reshape(size[1], size[0], 4)
+    return read[..., 0], read[..., 1]
 
 
 class _Layer:
@@ -656,6 +701,14 @@ DESCRIPTIONS = {
         "view": True,
         "outputs": ["color", "cover"],
         "fragment": glsl.PICTURE,
+    },
+    "between": {
+        "constants": [("VEC4", "box"), ("FLOAT", "parts"), ("INT", "has_depth")],
+        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"],
+        "glasses": True,
+        "view": True,
+        "outputs": ["frag"],
+        "fragment": glsl.BETWEEN,
     },
     "result": {
         "constants": [

@@ -21,11 +21,12 @@ from .news import News
 
 NOTHING = 2.0
 """Of a depth buffer, whose values run from 0 to 1: no edge is here."""
-BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
-"""Pixels by which edges are drawn shifted, too: Blender may round their places otherwise."""
+BESIDE = tuple((x, y) for x in (-2, -1, 0, 1, 2) for y in (-2, -1, 0, 1, 2) if abs(x) + abs(y) == 2)
+"""Pixels by which edges are drawn shifted, too: Blender smooths them, and may round their places
+otherwise."""
 HERE = (0, 0)
-DOTS = (4.0, 6.0)
-"""Pixels a side of a point: as many as in Blender, and a little more."""
+DOTS = (4.0, 8.0)
+"""Pixels a side of a point: as many as in Blender, and those beside."""
 HASH = np.array((1, 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F), np.uint64)
 """Odd numbers whose bits are evenly spread, by which places are told apart."""
 
