@@ -46,8 +46,8 @@ class Direct:
     Attributes
     ----------
     colour, tiles : textures. raw, depth : of the depth buffer's values, and of what they mean in
-        units of the common frame, see `glsl.DEPTH` and `glsl.STEPS`; line : the numbers (a, b, c, d)
-        between both.
+        units of the common frame, see `glsl.DEPTH` and `glsl.STEPS`; line : the numbers (a, b, c,
+        d) between both.
     has_depth : EEVEE writes none while overlays are off.
     stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
         reading, what was Python's and NumPy's part.
