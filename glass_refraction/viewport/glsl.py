@@ -1905,15 +1905,37 @@ void main()
 }
 """
 
-# Takes a face of a capture, as the engine drew it, into the atlas of all captures.
-FACE = """
+# Takes a face of a capture, as the engine drew it, into the atlas of all captures. Where an overlay
+# drew lines of glasses, what is beside them stands in.
+FACE = (
+    WIRE_AT
+    + """
+#define MOST_WIRES 16
+
+ivec2 beside_wires(ivec2 pixel)
+{
+  ivec2 last = textureSize(face_tx, 0) - 1;
+  for (int far = 0; far < MOST_WIRES; far++) {
+    for (int k = 0; k < 4; k++) {
+      ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
+      ivec2 other = clamp(pixel + far * step_, ivec2(0), last);
+      float wire = texelFetch(wire_tx, other, 0).r;
+      float depth = depth_of(texelFetch(depth_tx, other, 0).r);
+      /* Lines are smoothed over pixels that show what lies behind them. */
+      if (wire > 1.0 || depth < depth_of(wire) - WIRE_BEFORE * max(depth, 1.0)) {
+        return other;
+      }
+    }
+  }
+  return pixel;
+}
+
 void main()
 {
-  ivec2 pixel = ivec2(gl_FragCoord.xy) - origin;
-  vec4 colour = texelFetch(face_tx, pixel, 0);
+  ivec2 pixel = beside_wires(ivec2(gl_FragCoord.xy) - origin);
+  color = texelFetch(face_tx, pixel, 0);
   float value = texelFetch(depth_tx, pixel, 0).r;
-  float depth = range.x * range.y / (range.y - value * (range.y - range.x));
-  color = colour;
-  reach = vec4(value < 1.0 ? depth : (colour.a > 0.5 ? 1e20 : -1e20));
+  reach = vec4(value < 1.0 ? depth_of(value) : (color.a > 0.5 ? 1e20 : -1e20));
 }
 """
+)

@@ -45,9 +45,9 @@ class Direct:
 
     Attributes
     ----------
-    colour, tiles : textures. raw, depth : of the depth buffer's values, and of what they mean in
-        units of the common frame, see `glsl.DEPTH` and `glsl.STEPS`; line : the numbers (a, b, c,
-        d) between both.
+    colour, tiles : textures; wire_depth : see `wires.Wires.draw`. raw, depth : of the depth
+        buffer's values, and of what they mean in units of the common frame, see `glsl.DEPTH` and
+        `glsl.STEPS`; line : the numbers (a, b, c, d) between both.
     has_depth : EEVEE writes none while overlays are off.
     stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
         reading, what was Python's and NumPy's part.
@@ -55,7 +55,7 @@ class Direct:
 
     def __init__(self) -> None:
         self.size = (0, 0)
-        self.wires = Wires()
+        self.wires, self.wire_depth = Wires(), None
         self.colour = self.raw = self.depth = self.tiles = None
         self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
@@ -87,7 +87,7 @@ class Direct:
         self.colour = gpu.types.GPUTexture(view.size, format="RGBA32F", data=colour)
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
-        self.wires.draw(view)
+        self.wire_depth = self.wires.draw(view.projection @ view.to_camera, view.size)
         self._fill(self._to_depth, "depth", view.size)
         columns, rows = size = self.tiles.width, self.tiles.height
         self._fill(self._to_tiles, "tiles", size)
@@ -132,7 +132,7 @@ class Direct:
             shader.bind()
             shader.uniform_sampler("raw_tx", self.raw)
             if name == "depth":
-                shader.uniform_sampler("wire_tx", self.wires.depth)
+                shader.uniform_sampler("wire_tx", self.wire_depth)
             shader.uniform_float("line", self.line)
             shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
@@ -540,7 +540,7 @@ class Painter:
         shader.uniform_sampler("cover_tx", self._used.cover)
         shader.uniform_sampler("direct_tx", self.direct.colour)
         shader.uniform_sampler("raw_tx", self.direct.raw)
-        shader.uniform_sampler("wire_tx", self.direct.wires.depth)
+        shader.uniform_sampler("wire_tx", self.direct.wire_depth)
         shader.uniform_float("line", self.direct.line)
         shader.uniform_int("lines", int(lines))
         shader.uniform_int("part", part)
@@ -763,10 +763,10 @@ DESCRIPTIONS = {
     "face": {
         "constants": [
             ("VEC4", "box"),
-            ("VEC2", "range"),
+            ("VEC4", "line"),
             ("IVEC2", "origin"),
         ],
-        "samplers": ["face_tx", "depth_tx"],
+        "samplers": ["face_tx", "depth_tx", "wire_tx"],
         "outputs": ["color", "reach"],
         "fragment": glsl.FACE,
     },

@@ -585,10 +585,11 @@ def _work(view: _View, window, space, region) -> None:
             view.waits = True
             return
         view_3d = scene, window.view_layer, space, region
+        wires = painter.direct.wires
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
         until = time.perf_counter() + HOLD_SECONDS
         while captures.left and not is_compiling():
-            captures.draw(view.model.frame, view.model.glasses, view_3d, turned)
+            captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned)
             counters["faces"] += 1
             if is_compiling():
                 view.settled = 0

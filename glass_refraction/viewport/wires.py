@@ -15,7 +15,6 @@ import numpy as np
 from ..scene.read.arrays import edges, positions
 from ..scene.read.glasses import glass_modifier, glass_objects
 from ..scene.read.modifier_inputs import has_input, read_input
-from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .news import News
 
@@ -34,16 +33,10 @@ _shaders: dict[str, object] = {}
 
 
 class Wires:
-    """The edges and points of a view's glasses on the GPU.
-
-    Attributes
-    ----------
-    depth : the texture that the last `draw` filled: values as in the view's depth buffer.
-    """
+    """The edges and points of a view's glasses on the GPU."""
 
     def __init__(self) -> None:
-        self.depth = self._target = None
-        self._size = (0, 0)
+        self._targets: dict[tuple[int, int], tuple] = {}
         self._batches: dict[int, tuple[tuple, list]] = {}
         self._poses: dict[int, np.ndarray] = {}
 
@@ -78,18 +71,33 @@ class Wires:
         """Session uids of the objects that are drawn: glasses, and curves that are profiles."""
         return set(self._poses)
 
-    def draw(self, view: Viewpoint) -> None:
-        """Draw the depths of edges and points as a view sees them."""
-        width, height = view.size
-        if self._size != view.size:
-            self._size = view.size
-            self.depth = gpu.types.GPUTexture(view.size, format="R32F")
-            hidden = gpu.types.GPUTexture(view.size, format="DEPTH_COMPONENT32F")
-            self._target = gpu.types.GPUFrameBuffer(depth_slot=hidden, color_slots=[self.depth])
+    def draw(self, view_to_clip: np.ndarray, size: tuple[int, int]):
+        """Draw the depths of edges and points.
+
+        Parameters
+        ----------
+        view_to_clip : (4, 4) from the world to clip space. size : pixels.
+
+        Returns
+        -------
+        gpu.types.GPUTexture
+            Values as in a depth buffer, `NOTHING` where nothing is; valid until the next call with
+            this size.
+        """
+        width, height = size
+        if size not in self._targets:
+            # A view has one size, and its captures another.
+            while len(self._targets) > 1:
+                self._targets.pop(next(iter(self._targets)))
+            depth = gpu.types.GPUTexture(size, format="R32F")
+            hidden = gpu.types.GPUTexture(size, format="DEPTH_COMPONENT32F")
+            target = gpu.types.GPUFrameBuffer(depth_slot=hidden, color_slots=[depth])
+            self._targets[size] = depth, target
+        texture, target = self._targets[size]
         shader = _shader()
-        with self._target.bind():
+        with target.bind():
             gpu.state.viewport_set(0, 0, width, height)
-            self._target.clear(color=(NOTHING, 0.0, 0.0, 0.0), depth=1.0)
+            target.clear(color=(NOTHING, 0.0, 0.0, 0.0), depth=1.0)
             gpu.state.blend_set("NONE")
             gpu.state.depth_test_set("LESS_EQUAL")
             gpu.state.depth_mask_set(True)
@@ -100,7 +108,7 @@ class Wires:
                 shader.uniform_float("begin", float(begin))
                 shader.uniform_float("dot_size", size * bpy.context.preferences.system.pixel_size)
                 for uid, pose in self._poses.items():
-                    to_clip = view.projection @ view.to_camera @ pose
+                    to_clip = view_to_clip @ pose
                     for batch, beside in self._batches[uid][1]:
                         for right, up in beside if begin else (HERE,):
                             shift = np.eye(4)
@@ -111,6 +119,7 @@ class Wires:
             gpu.state.program_point_size_set(False)
             gpu.state.depth_mask_set(False)
             gpu.state.depth_test_set("NONE")
+        return texture
 
 
 def _batches(mesh: bpy.types.Mesh) -> list[tuple]:
