@@ -9,6 +9,7 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Euler, Matrix, Vector  # noqa: E402
 
 from glass_refraction.optics import CylinderGlass, FlatGlass, SphereGlass  # noqa: E402
+from glass_refraction.reference import cycles  # noqa: E402
 from glass_refraction.reference.cycles import render_reference  # noqa: E402
 from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
 from glass_refraction.scene.read.glasses import Glass  # noqa: E402
@@ -280,7 +281,7 @@ def everything():
 
 
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE", "BLENDER_WORKBENCH"])
-def test_nothing_is_left_behind(scene, engine):
+def test_nothing_is_left_behind(scene, engine, monkeypatch):
     scene.render.engine = engine
     scene.render.image_settings.file_format = "JPEG"
     scene.render.filepath = "/nowhere/#"
@@ -294,8 +295,17 @@ def test_nothing_is_left_behind(scene, engine):
     picture = render_reference(scene, glasses=[good], samples=1)
     assert picture.shape == (SIZE, SIZE, 4) and picture.dtype == np.float32
     assert everything() == before
-    with pytest.raises(TypeError, match="no mesh for a glass"):
-        render_reference(scene, glasses=[good, glass("no description")], samples=1)
+    far = glass(CylinderGlass((0.04, 0.037), (1.5, 1.0), extent=(2.0, 2.3)), name="Far")
+    surfaces = cycles.glass_surfaces
+
+    def failing(description):
+        if description is far.description:
+            raise ValueError("no mesh for a glass")
+        return surfaces(description)
+
+    monkeypatch.setattr(cycles, "glass_surfaces", failing)
+    with pytest.raises(ValueError, match="no mesh for a glass"):
+        render_reference(scene, glasses=[good, far], samples=1)
     assert everything() == before
 
 
