@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The screenshots of README and guide: its first glass, step by step, and a comparison.
+"""The pictures of README and guide: their first glass, step by step, and its comparison.
 
     blender --factory-startup --python scripts/screenshots.py -- FOLDER
 
@@ -10,6 +10,7 @@ screen: Blender's own screenshots leave menus out. Quits Blender when it is done
 from __future__ import annotations
 
 import math
+import shutil
 import subprocess
 import sys
 import traceback
@@ -85,7 +86,7 @@ def steps():
     while comparing():
         yield 1
     yield 3
-    screenshot("compare")
+    shutil.copy(FOLDER / "compare" / "comparison.png", FOLDER / "compare.png")
 
 
 def _run() -> float | None:
