@@ -122,6 +122,19 @@ def settle(scene: bpy.types.Scene, frame: int) -> None:
     scene.frame_set(frame)
 
 
+SAMPLE_LIMIT = 10.0
+"""Radiance; Blender limits indirect light to as much by default."""
+
+
+def limit_samples(scene: bpy.types.Scene) -> None:
+    """Limit what one sample brings of the sun.
+
+    One in thousands finds the sun's mirror images in small curves of glass: without a limit Cycles'
+    own picture of such a glass has a white dot wherever one did.
+    """
+    scene.cycles.sample_clamp_direct = SAMPLE_LIMIT
+
+
 def settle_cup(scene: bpy.types.Scene, frame: int, *, unlit: bool) -> None:
     """End a scene with a cup: its settings for being unlit or not, then :func:`settle`."""
     scene.refractive_glass.shading = "DISPLACED" if unlit else "TRUE"

@@ -57,6 +57,7 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
         add_glasses(scene)
     common.settle_cup(scene, 1, unlit=unlit)
     scene.refractive_glass.shading = "TRUE"
+    common.limit_samples(scene)
     return scene
 
 

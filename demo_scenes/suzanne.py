@@ -23,7 +23,6 @@ SIZE, IOR = 0.055, 1.5
 TILT, TURN = math.radians(-35.0), math.radians(25.0)
 HEIGHT = 0.0505
 WALL_DISTANCE, TABLE_EDGE = 0.16, -0.30
-SAMPLE_LIMIT = 10.0  # radiance; Blender limits indirect light to as much by default
 EYE, TARGET = (0.0, -0.42, 0.12), (0.0, 0.0, 0.047)
 
 
@@ -45,9 +44,7 @@ def build(*, unlit: bool = False, with_glass: bool = True) -> bpy.types.Scene:
         add_head()
     common.settle_cup(scene, 1, unlit=unlit)
     scene.refractive_glass.shading = "TRUE"
-    # One sample in thousands finds the sun's mirror images in her small curves: without a limit
-    # Cycles' own picture of such a glass has a white dot wherever one did.
-    scene.cycles.sample_clamp_direct = SAMPLE_LIMIT
+    common.limit_samples(scene)
     return scene
 
 

@@ -11,7 +11,7 @@ from .laws import fresnel, reflect, refract
 from .lengths import path_lengths
 from .media import MEDIA
 from .paths import LightPath, ParallelView
-from .placed import Placed, PlacedGlass, PlacedMesh
+from .placed import Media, Placed, PlacedGlass, PlacedMesh
 from .revolution import RevolutionGlass
 from .tracing import TracedRays, stretches, trace
 from .tumbler import Tumbler
@@ -25,6 +25,7 @@ __all__ = [
     "ExitRays",
     "FlatGlass",
     "LightPath",
+    "Media",
     "ParallelView",
     "Placed",
     "PlacedGlass",

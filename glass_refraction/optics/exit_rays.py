@@ -191,7 +191,9 @@ class _Followed:
         self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
         self.rough = bool(self.alpha.any())
         self.tints = surface_depths(self.glasses)
-        self.dims = not self.media.clear or self.tints is not None or not self.fresnel
+        # Rays that are lost in a mesh's interpolated normals end black too.
+        dark = bool(self.meshes) or not self.fresnel
+        self.dims = not self.media.clear or self.tints is not None or dark
         boxes = [self.glasses[number].box for number in self.meshes]
         self.mesh_boxes = None
         if boxes and not any(box is None for box in boxes):
@@ -415,6 +417,7 @@ class _Followed:
         on, back = (np.flatnonzero(part) for part in enough)
         turned = refracted(direction, normal, cosine, behind, eta)
         turned = np.where(straight, direction, turned)
+        sunk = self._sunk(turned, flat, straight)
         mirrored = direction + (2.0 * cosine) * normal
         live.events = events
         through = self._child(live, on, turned, weights[0])
@@ -433,16 +436,27 @@ class _Followed:
         code = _interface_code(met.glass, met.interface)
         through.path = np.where(straight[on], through.path, _path_on(through.path, code[on]))
         off.path = _path_on(off.path, code[back] + 1) | MIRRORED
-        touches = lift[on] > 0.0
-        seen = through.take(np.flatnonzero(touches))
-        if len(seen):
-            through = through.take(np.flatnonzero(~touches))
+        touches = (lift[on] > 0.0) & sunk[on]
+        ends = ~sunk[on]
+        seen, dark = (through.take(np.flatnonzero(which)) for which in (touches, ends))
+        if len(seen) or len(dark):
+            through = through.take(np.flatnonzero(~(touches | ends)))
         if self.fresnel:
-            return seen, off.take(np.zeros(0, dtype=np.intp)), _Live.join([through, off]), dropped
-        # A surface that only refracts is black where it would reflect totally, as in Cycles: such
-        # a ray ends there.
-        off.depth = np.full_like(off.depth, np.inf)
-        return seen, off, through, dropped
+            through = _Live.join([through, off])
+        else:
+            # A surface that only refracts is black where it would reflect totally, as in Cycles.
+            dark = _Live.join([dark, off])
+        dark.depth = np.full_like(dark.depth, np.inf)
+        return seen, dark, through, dropped
+
+    def _sunk(self, turned: Floats, flat: Floats, straight) -> NDArray[np.bool_]:
+        """Which refracted rays (3, L) are behind the face; others end black, as in Cycles.
+
+        Behind a normal that is interpolated over a sharp edge they may be before it.
+        """
+        if not self.meshes:
+            return np.ones(len(straight), dtype=bool)
+        return straight | (dot(turned, flat) < 0.0)
 
     @staticmethod
     def _child(live: _Live, which, direction: Floats, weight: Floats) -> _Live:
@@ -477,7 +491,7 @@ class _Followed:
         # The interpolated normal is on the side that the face's is on.
         side = against(met.flat, direction)
         flat = met.flat * side
-        normal = bent(met.normal * side, flat, direction, eta)
+        normal = bent(met.normal * side, flat, direction)
         return _Crossing(straight, eta, entered, flat, normal)
 
     def _roughened(self, live: _Live, met: _Met, crossing: _Crossing) -> tuple:
@@ -501,7 +515,7 @@ class _Followed:
         number = self.sample[ray] * FACETS + live.facet[some]
         places = facet_shares(self.pixel[ray], number, live.events[some])
         facet = visible_facets(normal, live.direction[:, some], alpha[rows[some]], *places)
-        facet = bent(facet, flat, live.direction[:, some], crossing.eta[some])
+        facet = bent(facet, flat, live.direction[:, some])
         crossing.normal = crossing.normal.copy()
         crossing.normal[:, some] = facet
         return live, met, crossing, rows

@@ -10,33 +10,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .laws import reflectance_and_cosine
 from .surfaces import Floats
-from .vectors import dot, refracted, units
+from .vectors import dot, units
 
 ENDLESS = 64
 """Events after which no way is followed on."""
 
 
-def bent(normal: Floats, flat: Floats, direction: Floats, eta: Floats) -> Floats:
+def bent(normal: Floats, flat: Floats, direction: Floats) -> Floats:
     """Interpolated normals turned towards the face's as little as is needed.
 
-    Behind them neither the reflected nor the refracted ray is on the wrong side of the face. (For
-    reflected rays that is what Cycles' ``ensure_valid_specular_reflection`` does, with the same
-    least angle to the face.)
+    Off them no ray is reflected to the wrong side of the face. That is what Cycles'
+    ``ensure_valid_specular_reflection`` does, with the same least angle to the face.
     """
     grazing = np.minimum(-SHARE * dot(flat, direction), CLEAR)
-    _, below = reflectance_and_cosine(np.clip(-dot(flat, direction), 0.0, 1.0), eta)
-    sunk = np.minimum(SHARE * below, CLEAR)
 
     def right(part, which) -> NDArray[np.bool_]:
         d, f = direction[:, which], flat[:, which]
         cosine = -dot(part, d)
         up = dot(d, f) + 2.0 * cosine * dot(part, f)
-        _, behind = reflectance_and_cosine(np.clip(cosine, 0.0, 1.0), eta[which])
-        down = -dot(refracted(d, part, cosine, behind, eta[which]), f)
-        total = behind == 0.0
-        return (cosine > 0.0) & (up >= grazing[which]) & (total | (down >= sunk[which]))
+        return (cosine > 0.0) & (up >= grazing[which])
 
     wrong = np.flatnonzero(~right(normal, slice(None)) & (normal != flat).any(axis=0))
     if not len(wrong):

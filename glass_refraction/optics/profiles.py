@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,8 +44,11 @@ FLAT_MEETING = 0.05
 """How far a ray's meetings with a curve and with its cones may lie apart, in units of the profile:
 more than √(2 · SAG), where it just grazes."""
 
-PAIRS = 1 << 16
+PAIRS = 1 << 18
 """Pairs of rays and cones looked at at once."""
+
+GROUP = 16
+"""Cones whose common box is looked at before each of them."""
 
 
 @dataclass(frozen=True)
@@ -258,6 +262,24 @@ class Profile:
             parts = [part[going] for part in parts]
         return way, t, rests
 
+    @cached_property
+    def _bounds(self) -> list[tuple[tuple[Floats, Floats, Floats], int]]:
+        """Lowest and highest z and largest r of all chords together, of each group and of each.
+
+        With each of the three goes how many of its boxes one of the boxes before it holds.
+        """
+        r0, z0, dr, dz, *_ = self.chords
+        bottom, top = np.minimum(z0, z0 + dz) - NEAR, np.maximum(z0, z0 + dz) + NEAR
+        bounds, counts = [(bottom, top, np.maximum(r0, r0 + dr) + NEAR)], []
+        for count in (GROUP, -(-len(r0) // GROUP)):
+            bottom, top, widest = bounds[0]
+            starts = np.arange(0, len(bottom), count)
+            lower = np.minimum.reduceat(bottom, starts)
+            upper, wide = (np.maximum.reduceat(part, starts) for part in (top, widest))
+            bounds.insert(0, (lower, upper, wide))
+            counts.insert(0, count)
+        return list(zip(bounds, (1, *counts), strict=True))
+
     def _search(self, rays: Rays, back: bool, limit):
         """Mark of the nearest meeting with the chain of cones, and which rays have one."""
         rays = Rays(
@@ -266,7 +288,9 @@ class Profile:
         total = len(rays.place[0])
         limit = np.broadcast_to(limit, total)
         mark, found = np.zeros((2, total)), np.zeros(total, dtype=bool)
-        size = max(1, PAIRS // max(1, self.chords.shape[1]))
+        if not self.chords.size:
+            return mark, found
+        size = max(1, PAIRS // self.chords.shape[1])
         for begin in range(0, total, size):
             some = slice(begin, begin + size)
             mark[:, some], found[some] = self._nearest_cone(rays.take(some), back, limit[some])
@@ -289,11 +313,18 @@ class Profile:
         low, high = np.minimum(begin, end), np.maximum(begin, end)
         nearest = np.where(outward < 0.0, np.abs(ell) / np.sqrt(p2), np.sqrt(x * x + y * y))
         r0, z0, dr, dz, t0, dt = self.chords
-        bottom, top = np.minimum(z0, z0 + dz) - NEAR, np.maximum(z0, z0 + dz) + NEAR
-        widest = np.maximum(r0, r0 + dr) + NEAR
-        near = (low[:, None] <= top) & (high[:, None] >= bottom) & (nearest[:, None] <= widest)
-        near &= ((square > 0.0) & (leaves > 0.0))[:, None]
-        ray, chord = np.nonzero(near)
+        ray = np.flatnonzero((square > 0.0) & (leaves > 0.0))
+        chord = np.zeros_like(ray)
+        # Boxes of all chords first, then of a group of them, then of each.
+        for bounds, count in self._bounds:
+            chord = chord[:, None] * count + np.arange(count)
+            ray = np.broadcast_to(ray[:, None], chord.shape)
+            inside = chord < len(bounds[0])
+            ray, chord = ray[inside], chord[inside]
+            bottom, top, widest = bounds
+            near = (low[ray] <= top[chord]) & (high[ray] >= bottom[chord])
+            near = np.flatnonzero(near & (nearest[ray] <= widest[chord]))
+            ray, chord = ray[near], chord[near]
         x, y, z, px, py, pz = (part[ray] for part in (x, y, z, px, py, pz))
         r0, z0, dr, dz = (part[chord] for part in (r0, z0, dr, dz))
         # (dz·ρ(s))² = (r0·dz + dr·(z(s) − z0))², a chord neither level nor upright by a hair

@@ -18,7 +18,8 @@ from ..scene.read.glasses import Glass, glass_modifier, read_glasses
 from ..scene.read.mesh_glasses import CLEAR, MeshGlass
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
-from .glass_mesh import Surface, glass_surfaces
+from .glass_mesh import Surface, fill_mesh, glass_surfaces
+from .interfaces import interfaces, overlapping
 from .picture import Request, finished, rendering_picture
 
 ROLE = "reference"
@@ -129,18 +130,26 @@ def rendering_reference(
     closed, meshes = _objects(glasses)
     rough = any(mesh.description.roughness > 0.0 for mesh in meshes.values())
     style = _Style(surface, glass_shadows, rough)
+    together = overlapping(glasses)
+    joint = [glass for glass in glasses if glass.name in together]
+    alone = [glass for glass in glasses if glass.name not in together]
+    shown = {obj: glass for obj, glass in meshes.items() if glass.name not in together}
     with _reference_scene(scene) as reference, ExitStack() as temporary:
-        for obj in closed:
+        for obj in (*closed, *(obj for obj in meshes if obj not in shown)):
             _set(temporary, obj, "hide_render", True)
         _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)
         reference.cycles.use_denoising = denoised
         materials: dict[tuple, bpy.types.Material] = {}
-        for obj, glass in meshes.items():
+        for obj, glass in shown.items():
             _show_mesh(obj, glass, style, materials, temporary)
-        for glass in glasses:
-            if isinstance(glass.description, MeshGlass):
-                continue
-            obj = _glass_object(glass, style, materials, temporary)
+        made = [
+            _glass_object(glass, style, materials, temporary)
+            for glass in alone
+            if not isinstance(glass.description, MeshGlass)
+        ]
+        if joint:
+            made.append(_joint_object(joint, style, materials, temporary))
+        for obj in made:
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
             reference.collection.objects.link(obj)
         return (yield from rendering_picture(reference))
@@ -189,9 +198,8 @@ def _show_mesh(
     shown = read_input(modifier, "Show in Render")
     temporary.callback(write_input, modifier, "Show in Render", shown)
     write_input(modifier, "Show in Render", True)
-    mesh = glass.description
     absorption = glass.absorption if glass.is_tinted else (None, None)
-    kind = (mesh.ior, *absorption, mesh.roughness, mesh.refracted)
+    kind = (glass.description.ior, *absorption, *_look(glass))
     if kind not in materials:
         materials[kind] = _glass_material(style, *kind)
         temporary.callback(bpy.data.materials.remove, materials[kind])
@@ -308,12 +316,65 @@ def _glass_object(
 ) -> bpy.types.Object:
     """An object of the glass's interfaces; what it is made of is removed with ``temporary``."""
     surfaces = glass_surfaces(glass.description)
-    mesh = bpy.data.meshes.new(f"{glass.name} {ROLE}")
+    kinds = [_kind(glass, interface) for interface in surfaces]
+    obj = _object_of(glass.name, surfaces, kinds, style, materials, temporary)
+    obj.matrix_world = Matrix(glass.to_world.tolist()) @ _shrunk(obj.data)
+    return obj
+
+
+def _joint_object(
+    glasses: Sequence[Glass],
+    style: _Style,
+    materials: dict[tuple, bpy.types.Material],
+    temporary: ExitStack,
+) -> bpy.types.Object:
+    """One object of all interfaces of glasses that overlap."""
+    found = interfaces(glasses)
+    tinted = bool(found.absorption.any())
+    rows = np.column_stack((found.glass, found.ior, found.absorption.reshape(-1, 6)))
+    rows, of_row = np.unique(rows, axis=0, return_inverse=True)
+    surfaces, kinds = [], []
+    for number, (owner, ior, *absorption) in enumerate(rows.tolist()):
+        some = np.flatnonzero(of_row.ravel() == number)
+        glass, corners = glasses[int(owner)], np.arange(3 * len(some))
+        surfaces.append(
+            Surface(
+                name=glass.name,
+                vertices=found.points[some].reshape(-1, 3),
+                corners=corners,
+                sizes=np.full(len(some), 3),
+                normals=found.normals[some].reshape(-1, 3),
+                ior_inside=ior,
+                ior_outside=1.0,
+            )
+        )
+        sides = (tuple(absorption[:3]), tuple(absorption[3:])) if tinted else (None, None)
+        kinds.append((ior, *sides, *_look(glass)))
+    obj = _object_of("Glasses", surfaces, kinds, style, materials, temporary)
+    obj.matrix_world = _shrunk(obj.data)
+    return obj
+
+
+def _look(glass: Glass) -> tuple[float, tuple[float, float, float]]:
+    """Roughness and colour of a glass's surface."""
+    mesh = glass.description
+    return (mesh.roughness, mesh.refracted) if isinstance(mesh, MeshGlass) else (0.0, CLEAR)
+
+
+def _object_of(
+    name: str,
+    surfaces: Sequence[Surface],
+    kinds: Sequence[tuple],
+    style: _Style,
+    materials: dict[tuple, bpy.types.Material],
+    temporary: ExitStack,
+) -> bpy.types.Object:
+    """An object of surfaces, each of the material of its kind, see `_kind`."""
+    mesh = bpy.data.meshes.new(f"{name} {ROLE}")
     temporary.callback(bpy.data.meshes.remove, mesh)
     mesh[TAG] = ROLE
-    _fill_mesh(mesh, surfaces)
+    fill_mesh(mesh, surfaces)
     slots: dict[tuple, int] = {}
-    kinds = [_kind(glass, interface) for interface in surfaces]
     for kind in kinds:
         if kind not in materials:
             materials[kind] = _glass_material(style, *kind)
@@ -331,7 +392,6 @@ def _glass_object(
     obj = bpy.data.objects.new(mesh.name, mesh)
     temporary.callback(bpy.data.objects.remove, obj)
     obj[TAG] = ROLE
-    obj.matrix_world = Matrix(glass.to_world.tolist()) @ _shrunk(mesh)
     return obj
 
 
@@ -367,26 +427,6 @@ def _kind(glass: Glass, surface: Surface) -> tuple:
     else:
         media = (0, number + 1)
     return (eta, *(glass.absorption[medium] for medium in media))
-
-
-def _fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
-    """Put all surfaces into one mesh, smooth, with their own normals at every face corner."""
-    vertices = np.concatenate([s.vertices for s in surfaces])
-    first = np.cumsum([0, *(len(s.vertices) for s in surfaces[:-1])])
-    corners = np.concatenate(
-        [s.corners + offset for s, offset in zip(surfaces, first, strict=True)]
-    )
-    sizes = np.concatenate([s.sizes for s in surfaces])
-    mesh.vertices.add(len(vertices))
-    mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
-    mesh.loops.add(len(corners))
-    mesh.loops.foreach_set("vertex_index", corners.astype(np.int32))
-    mesh.polygons.add(len(sizes))
-    mesh.polygons.foreach_set("loop_start", (np.cumsum(sizes) - sizes).astype(np.int32))
-    mesh.update(calc_edges=True)
-    normals = np.concatenate([s.normals for s in surfaces])
-    attribute = mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "CORNER")
-    attribute.data.foreach_set("vector", normals.astype(np.float32).ravel())
 
 
 def _glass_material(

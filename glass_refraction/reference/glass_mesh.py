@@ -10,8 +10,10 @@ the coordinates of their border bit by bit: nothing leaks between them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import bpy
 import numpy as np
 
 from ..optics import CylinderGlass, FlatGlass, SphereGlass
@@ -108,6 +110,26 @@ def glass_surfaces(
     if isinstance(glass, AxialGlass):
         return _axial(glass, segments)
     raise TypeError(f"no mesh for a glass of type {type(glass).__name__}")
+
+
+def fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
+    """Put all surfaces into one mesh, smooth, with their own normals at every face corner."""
+    vertices = np.concatenate([s.vertices for s in surfaces])
+    first = np.cumsum([0, *(len(s.vertices) for s in surfaces[:-1])])
+    corners = np.concatenate(
+        [s.corners + offset for s, offset in zip(surfaces, first, strict=True)]
+    )
+    sizes = np.concatenate([s.sizes for s in surfaces])
+    mesh.vertices.add(len(vertices))
+    mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+    mesh.loops.add(len(corners))
+    mesh.loops.foreach_set("vertex_index", corners.astype(np.int32))
+    mesh.polygons.add(len(sizes))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(sizes) - sizes).astype(np.int32))
+    mesh.update(calc_edges=True)
+    normals = np.concatenate([s.normals for s in surfaces])
+    attribute = mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "CORNER")
+    attribute.data.foreach_set("vector", normals.astype(np.float32).ravel())
 
 
 def _flat(glass: FlatGlass, reach: float) -> tuple[Surface, ...]:

@@ -10,6 +10,8 @@ are drawn again when the scene changes, and stay as they are when only the eye m
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -23,6 +25,7 @@ from .description import Frame, Posed
 from .eye import CAPTURES
 from .jobs import is_compiling
 from .paint import _quad, _shader
+from .wires import Wires
 
 FACES = 6
 SIDES = {"SOLID": 256, "MATERIAL": 128, "RENDERED": 128}
@@ -40,6 +43,33 @@ KEPT = 0.2
 """Of a glass's reach: a centre that much better is worth all faces anew."""
 LEAST_HALF = 1e-6
 """Metres: flat things have a box too."""
+
+OVERLAYS = (
+    "show_overlays",
+    "show_annotation",
+    "show_axis_x",
+    "show_axis_y",
+    "show_axis_z",
+    "show_bones",
+    "show_cursor",
+    "show_extras",
+    "show_face_orientation",
+    "show_floor",
+    "show_light_colors",
+    "show_look_dev",
+    "show_motion_paths",
+    "show_object_origins",
+    "show_object_origins_all",
+    "show_ortho_grid",
+    "show_outline_selected",
+    "show_reconstruction",
+    "show_relationship_lines",
+    "show_stats",
+    "show_text",
+    "show_wireframes",
+    "show_viewer_attribute",
+)
+"""Settings of overlays that may draw something of objects."""
 
 _drawing = False
 
@@ -118,6 +148,7 @@ class Captures:
         frame: Frame,
         glasses: list[Posed],
         view_3d: tuple,
+        wires: Wires,
         turned: np.ndarray | None = None,
     ) -> None:
         """Draw the next face. From a timer only.
@@ -125,9 +156,9 @@ class Captures:
         Parameters
         ----------
         view_3d : scene, view layer, space and region that it is drawn as.
+        wires : of the view's glasses, which overlays draw.
         turned : (3, 3) from the world to the camera that brings its light, if one does.
         """
-        global _drawing
         number, face = min(self._stale)
         if all((number, other) in self._stale for other in range(FACES)):
             glass = glasses[number]
@@ -141,31 +172,22 @@ class Captures:
         began = time.perf_counter()
         # The light of Solid shading comes with the camera. So the camera stands as the view's, and
         # only its projection is turned: things are lit as they are beside the glass.
-        turn = np.eye(4)
-        if turned is not None:
-            turn[:3, :3] = turned
-        stand = np.eye(4)
-        stand[:3, 3] = -centre
-        away = face_view(face, np.zeros(3)) @ turn.T
-        overlays = space.overlay.show_overlays
-        _drawing = True
-        try:
-            if overlays:
-                space.overlay.show_overlays = False
+        to_camera, projection = face_view(face, centre), face_projection(near, far)
+        if turned is not None and turns_projections():
+            to_face = to_camera[:3, :3] @ turned.T
+            to_camera[:3, :3], to_camera[:3, 3] = turned, -turned @ centre
+            projection[:, :3] = projection[:, :3] @ to_face
+        with _few_overlays(space):
             self._face.draw_view3d(
                 scene,
                 layer,
                 space,
                 region,
-                Matrix(turn @ stand),
-                Matrix(face_projection(near, far) @ away),
+                Matrix(to_camera),
+                Matrix(projection),
                 do_color_management=False,
                 draw_background=False,
             )
-        finally:
-            if overlays:
-                space.overlay.show_overlays = True
-            _drawing = False
         self.seconds = time.perf_counter() - began
         if is_compiling():
             # To be drawn again. And by an engine of its own: Blender 5.2 crashes where one goes on
@@ -175,13 +197,14 @@ class Captures:
         depth = gpu.types.Buffer("FLOAT", (side, side))
         with self._face.bind():
             gpu.state.active_framebuffer_get().read_depth(0, 0, side, side, data=depth)
-        self._keep(number, face, depth, near / frame.unit, far / frame.unit)
+        wire_depth = wires.draw(projection @ to_camera, (side, side))
+        self._keep(number, face, depth, wire_depth, near / frame.unit, far / frame.unit)
         self.seconds = time.perf_counter() - began
         self._stale.discard((number, face))
         self._drawn.add((number, face))
         self.version += 1
 
-    def _keep(self, number: int, face: int, depth, near: float, far: float) -> None:
+    def _keep(self, number: int, face: int, depth, wire_depth, near: float, far: float) -> None:
         side = self.side
         shader = _shader("face")
         texture = gpu.types.GPUTexture((side, side), format="R32F", data=depth)
@@ -196,10 +219,43 @@ class Captures:
             shader.bind()
             shader.uniform_sampler("face_tx", self._face.texture_color)
             shader.uniform_sampler("depth_tx", texture)
-            shader.uniform_float("range", (near, far))
+            shader.uniform_sampler("wire_tx", wire_depth)
+            shader.uniform_float("line", (near * far, 0.0, far, near - far))
             shader.uniform_int("origin", (x, y))
             shader.uniform_float("box", (*low, *high))
             _quad().draw(shader)
+
+
+@contextmanager
+def _few_overlays(space: bpy.types.SpaceView3D) -> Iterator[None]:
+    """While a capture is drawn: no overlays in Solid; for EEVEE, which else writes no depths, as
+    few as there can be.
+    """
+    global _drawing
+    overlay = space.overlay
+    is_solid = space.shading.type == "SOLID"
+    before = {name: getattr(overlay, name) for name in OVERLAYS if hasattr(overlay, name)}
+    wanted = dict.fromkeys(before, False) | {"show_overlays": not is_solid}
+    if is_solid:
+        before = {"show_overlays": before["show_overlays"]}
+    changed = [name for name in before if before[name] != wanted[name]]
+    _drawing = True
+    try:
+        for name in changed:
+            setattr(overlay, name, wanted[name])
+        yield
+    finally:
+        for name in changed:
+            setattr(overlay, name, before[name])
+        _drawing = False
+
+
+def turns_projections() -> bool:
+    """Whether things are drawn by a projection that is turned, away from where the camera looks.
+
+    By Vulkan Blender 5.2 clips most of them. There the light of a capture is that of its faces.
+    """
+    return gpu.platform.backend_type_get() != "VULKAN"
 
 
 def axes(face: int) -> np.ndarray:

@@ -75,6 +75,12 @@ def depths(line: tuple[float, float, float, float], values: np.ndarray) -> np.nd
     return (a + b * values) / (c + d * values)
 
 
+def pixel_width(view: Viewpoint, frame: Frame) -> tuple[float, float]:
+    """(a, b) so that a pixel is a + b z wide at a depth of z, both in units of the common frame."""
+    width = float(np.linalg.norm(view.ray_matrix()[:, 0]))
+    return (width / frame.unit, 0.0) if view.is_parallel else (0.0, width)
+
+
 def pack_view(
     view: Viewpoint,
     frame: Frame,
@@ -112,9 +118,7 @@ def pack_view(
         block[6, :3] = place + ahead * matrix[:, 3]
         block[7, :3], block[8, :3] = ahead * matrix[:, 0], ahead * matrix[:, 1]
         block[9] = (*place, 1.0)
-    # Of a pixel at a depth of z: footprint + z · growth.
-    pixel = float(np.linalg.norm(block[7, :3]))
-    block[5, :2] = (pixel, 0.0) if view.is_parallel else (0.0, pixel / ahead)
+    block[5, :2] = pixel_width(view, frame)
     block[10] = *view.size, near, longest
     block[11, 0] = MARGIN * frame.reach
     for number, (centre, side) in enumerate(captures[:CAPTURES]):

@@ -670,29 +670,23 @@ float ior_of(int holder)
 }
 
 #ifdef MESHES
-/* Whether an interpolated normal leads rays to the right side of the face (see `bent` in
+/* An interpolated normal off which no ray is reflected into the face (see `bent` in
  * optics/facets.py). */
-bool is_right(vec3 n, vec3 flat_, vec3 d, float eta, vec2 least)
+bool is_right(vec3 n, vec3 flat_, vec3 d, float least)
 {
-  float cosine = -dot(n, d), behind;
-  float up = dot(d, flat_) + 2.0 * cosine * dot(n, flat_);
-  bool total = fresnel(clamp(cosine, 0.0, 1.0), eta, behind) >= 1.0;
-  vec3 through = eta * d + (eta * cosine - behind) * n;
-  return cosine > 0.0 && up >= least.x && (total || -dot(through, flat_) >= least.y);
+  return dot(n, d) < 0.0 && dot(reflect(d, n), flat_) >= least;
 }
 
-vec3 bent(vec3 n, vec3 flat_, vec3 d, float eta)
+vec3 bent(vec3 n, vec3 flat_, vec3 d)
 {
-  float below;
-  fresnel(clamp(-dot(flat_, d), 0.0, 1.0), eta, below);
-  vec2 least = min(BENT_SHARE * vec2(-dot(flat_, d), below), vec2(BENT_CLEAR));
-  if (n == flat_ || is_right(n, flat_, d, eta, least)) {
+  float least = min(-BENT_SHARE * dot(flat_, d), BENT_CLEAR);
+  if (n == flat_ || is_right(n, flat_, d, least)) {
     return n;
   }
   float low = 0.0, high = 1.0;
   for (int k = 0; k < BENT_HALVINGS; k++) {
     float middle = 0.5 * (low + high);
-    if (is_right(normalize(mix(n, flat_, middle)), flat_, d, eta, least)) {
+    if (is_right(normalize(mix(n, flat_, middle)), flat_, d, least)) {
       high = middle;
     }
     else {
@@ -866,7 +860,7 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       float eta = ior_of(holder) / ior_of(holder_after);
 #ifdef MESHES
       if (is_mesh) {
-        n = bent(n, flat_, d, eta);
+        n = bent(n, flat_, d);
       }
 #endif
       float cosine = clamp(-dot(n, d), 0.0, 1.0), behind;
@@ -891,6 +885,14 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       vec3 turned = d + 2.0 * cosine * n;
       d = normalize(eta * d + (eta * cosine - behind) * n);
       p = here - clear;
+#ifdef MESHES
+      if (is_mesh && dot(d, flat_) >= 0.0 && light.w > enough) {
+        /* Refracted to before the face: black, as in Cycles. */
+        leave(to_common(hit, p), turn_out(hit, d), vec4(vec3(0.0), light.w), hit, ways);
+        ways++;
+        light.w = 0.0;
+      }
+#endif
       vec3 second_place = here + clear;
       vec3 second = turned;
       vec4 rest = other;
@@ -957,7 +959,14 @@ vec4 smooth_at(sampler2D tx, vec2 pixel)
 }
 """
 
-VIEWS = """
+EDGE = """
+/* Widths of a pixel by which a surface comes nearer from look to look; more is another's edge. */
+#define EDGE 12.0
+"""
+
+VIEWS = (
+    EDGE
+    + """
 #define FAR_OFF 1e19
 #define TILE 8
 /* Pixels from look to look where a tile does not tell. */
@@ -978,11 +987,9 @@ VIEWS = """
 #define THIN 0.03
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
-/* Widths of a pixel by which a surface comes nearer from look to look; more is another's edge. */
-#define EDGE 12.0
 #define UNKNOWN -1e18
-/* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1/2. */
-#define LIMB 1.4
+/* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1: no edge is farther off. */
+#define LIMB_MOST 2.42
 /* Where a thing is nearer to a face than this, in common units, it touches it. */
 #define TOUCHING 0.03
 /* How much nearer than the glass a thing must be to cover it, in common units. */
@@ -1049,6 +1056,16 @@ float smooth_gap(int slot, vec3 p)
   return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
 }
 
+/* Whether a capture sees that there is nothing at a place. */
+bool is_open(int slot, vec3 p)
+{
+  if (slot < 0) {
+    return false;
+  }
+  vec3 q = p - view.captures[slot].xyz;
+  return smooth_gap(slot, q) < THIN + THICK_PART * length(q);
+}
+
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
 
 /* The colour in a direction, smoothed over pixels that are about as far as the nearest one. */
@@ -1076,6 +1093,7 @@ vec4 capture_colour(int slot, vec3 d)
   return vec4(colour, depth <= -FAR_OFF ? 0.0 : 1.0);
 }
 """
+)
 
 LOOKUP = (
     VIEWS
@@ -1102,21 +1120,108 @@ bool in_view(vec4 begin, vec4 step_, float z0, float z1, inout float low, inout 
   return low < high;
 }
 
-/* Depth of a round thing's edge, which lies up to a look before a pixel that shows `shown`: depths
- * grow towards it as a square root, whose mean course over a pixel leads from two of them to it. */
-float limb_at(vec2 pixel, vec2 heading, float shown)
+/* Which of the pixels round a place counts for it, where things end in front of others: those of
+ * the nearer and those of the farther ones vote, the more the nearer they lie, so that edges run
+ * straight where pixels make them stairs. */
+ivec2 pixel_for(vec2 at)
 {
-  float before = depth_at(ivec2(pixel - heading));
-  if (abs(before - shown) > edge_at(shown)) {
-    before = shown;
-    shown = depth_at(ivec2(pixel + heading));
+  ivec2 last = ivec2(view.size.xy) - 1;
+  ivec2 middle = clamp(ivec2(at), ivec2(0), last);
+  if (texelFetch(depth_tx, middle, 0).g == 0.0) {
+    return middle;
   }
-  return before + LIMB * max(before - shown, 0.0);
+  vec2 f = clamp(at - vec2(middle) - 0.5, -0.5, 0.5);
+  /* Shares of a quadratic B-spline: of the pixel before, of this one, of the one after. */
+  vec2 shares[3];
+  shares[0] = 0.5 * (0.5 - f) * (0.5 - f);
+  shares[1] = 0.75 - f * f;
+  shares[2] = 0.5 * (0.5 + f) * (0.5 + f);
+  float near = FAR_OFF, far = -FAR_OFF;
+  for (int k = 0; k < 9; k++) {
+    float depth = depth_at(middle + ivec2(k % 3, k / 3) - 1);
+    near = min(near, depth);
+    far = max(far, depth);
+  }
+  float limit = near + edge_at(near);
+  float votes = 0.0;
+  vec2 most = vec2(-1.0);
+  ivec2 nearer = middle, farther = middle;
+  for (int k = 0; k < 9; k++) {
+    ivec2 one = ivec2(k % 3, k / 3);
+    ivec2 pixel = clamp(middle + one - 1, ivec2(0), last);
+    float share = shares[one.x].x * shares[one.y].y;
+    if (depth_at(pixel) < limit) {
+      votes += share;
+      if (share > most.x) {
+        most.x = share;
+        nearer = pixel;
+      }
+    }
+    else if (share > most.y) {
+      most.y = share;
+      farther = pixel;
+    }
+  }
+  return votes > 0.5 ? nearer : farther;
+}
+
+float depth_near(vec2 at) { return depth_at(pixel_for(at)); }
+
+/* The colour at a place, of the thing that counts for it: at edges without the others'. */
+vec4 thing_at(vec2 at)
+{
+  ivec2 pixel = pixel_for(at);
+  vec2 shown = texelFetch(depth_tx, pixel, 0).rg;
+  if (shown.g == 0.0) {
+    return direct_at(at);
+  }
+  ivec2 last = ivec2(view.size.xy) - 1;
+  vec2 low = floor(at - 0.5);
+  vec2 t = at - 0.5 - low;
+  vec4 mixed = vec4(0.0);
+  float whole = 0.0;
+  for (int k = 0; k < 4; k++) {
+    ivec2 one = ivec2(k & 1, k >> 1);
+    ivec2 there = clamp(ivec2(low) + one, ivec2(0), last);
+    vec2 part = mix(1.0 - t, t, vec2(one));
+    float other = depth_at(there);
+    if (abs(other - shown.r) < edge_at(min(other, shown.r))) {
+      whole += part.x * part.y;
+      mixed += part.x * part.y * texelFetch(direct_tx, there, 0);
+    }
+  }
+  return whole > 0.0 ? mixed / whole : texelFetch(direct_tx, pixel, 0);
+}
+
+/* Depth of a round thing's edge, which lies up to a look before a place. From the edge on depths
+ * differ from the edge's as a square root grows: three in a row tell where it is. */
+float limb_at(vec2 at, vec2 heading)
+{
+  ivec2 along = abs(heading.x) > abs(heading.y) ? ivec2(heading.x > 0.0 ? 1 : -1, 0)
+                                                : ivec2(0, heading.y > 0.0 ? 1 : -1);
+  ivec2 pixel = pixel_for(at);
+  float one = depth_at(pixel);
+  float before = depth_at(pixel - along);
+  if (abs(before - one) < edge_at(min(before, one))) {
+    one = before;
+    pixel -= along;
+  }
+  float two = depth_at(pixel + along), three = depth_at(pixel + 2 * along);
+  float first = one - two, second = three - two;
+  float least = edge_at(one);
+  if (first <= 0.0 || first > least || abs(second) > least) {
+    return one;
+  }
+  /* (L - z)² grows by as much from pixel to pixel. */
+  float bends = first + second;
+  float rise = bends > 0.0 ? (first * first + second * second) / (2.0 * bends) - first : NOWHERE;
+  return one + clamp(rise, 0.0, LIMB_MOST * first);
 }
 
 /* Where a ray meets what the view shows: marched through the view's depths, pixel by pixel, and
  * over whole tiles that it passes in front of or behind. `hidden`: it was behind something. */
-bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out bool hidden)
+bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float way,
+                  out bool hidden)
 {
   hidden = false;
   at = vec2(0.0);
@@ -1142,13 +1247,15 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
   vec2 heading = span / pixels;
   vec2 per = 1.0 / max(abs(span), vec2(1e-6));
   float u = 0.0;
-  float shown_before = depth_at(ivec2(a));
+  float shown_before = depth_near(a);
   float before = z0 + low * z1 - shown_before;
   float z_before = z0 + low * z1;
   bool behind = before > NEARER;
   /* Depth of the edge that the ray passed behind. */
   float limb = UNKNOWN;
   float u_before = 0.0;
+  /* How far the ray lay behind the thing's back. */
+  float over_before = 0.0;
   hidden = hidden || behind;
   for (int k = 0; k < DIRECT_STEPS; k++) {
     if (u >= 1.0) {
@@ -1169,6 +1276,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       u = next;
       u_before = u;
       z_before = z;
+      over_before = 0.0;
       shown_before = UNKNOWN;
       continue;
     }
@@ -1177,17 +1285,18 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       u = next;
       u_before = u;
       z_before = z;
+      over_before = 0.0;
       shown_before = UNKNOWN;
       continue;
     }
     if (shown_before <= UNKNOWN) {
-      shown_before = depth_at(ivec2(pixel));
+      shown_before = depth_near(pixel);
       before = z_before - shown_before;
       if (!behind && before > SLACK) {
         /* An edge lies just at the tile's: the ray passes behind it. */
         behind = true;
         hidden = true;
-        limb = limb_at(pixel, heading, shown_before);
+        limb = limb_at(pixel, heading);
       }
       else if (before <= 0.0) {
         behind = false;
@@ -1198,7 +1307,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
         ((1.0 - next) * two.w + next * one.w);
     z = z0 + t * z1;
     pixel = a + next * span;
-    float shown = depth_at(ivec2(pixel));
+    float shown = depth_near(pixel);
     float gap = z - shown;
     float jump = shown_before - shown;
     bool met = false;
@@ -1209,20 +1318,30 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
       /* One surface goes on from pixel to pixel; behind an edge the ray may pass. */
       met = jump < edge_at(shown) + abs(z - z_before);
       behind = !met;
-      limb = met ? UNKNOWN : limb_at(pixel, heading, shown);
+      limb = met ? UNKNOWN : limb_at(pixel, heading);
+      over_before = 0.0;
     }
     else if (jump > edge_at(shown)) {
-      limb = limb_at(pixel, heading, shown);
+      limb = limb_at(pixel, heading);
+      over_before = 0.0;
     }
     else if (jump < -edge_at(shown)) {
       limb = UNKNOWN;
     }
     /* Round things are as thick behind their edge as before it: the back is the front's mirror
      * image. */
-    met = met || (behind && limb > UNKNOWN && z - limb < limb - shown + SLACK);
+    float over = z + shown - 2.0 * limb - SLACK;
+    if (behind && limb > UNKNOWN && over < 0.0) {
+      met = !is_open(slot, o + t * d);
+      /* What was seen from within the glass leaves no doubt: the thing is not as thick. */
+      limb = met ? limb : UNKNOWN;
+    }
     if (met) {
       float part = clamp(before < 0.0 ? -before / (gap - before) : 0.0, 0.0, 1.0);
-      float found = behind ? next : mix(u_before, next, part);
+      if (behind) {
+        part = over_before > 0.0 ? over_before / (over_before - over) : 1.0;
+      }
+      float found = mix(u_before, next, part);
       at = a + found * span;
       way = ((1.0 - found) * low * two.w + found * high * one.w) /
             ((1.0 - found) * two.w + found * one.w);
@@ -1234,6 +1353,7 @@ bool march_direct(vec3 o, vec3 d, float reach, out vec2 at, out float way, out b
     before = min(gap, -1e-9);
     z_before = z;
     shown_before = shown;
+    over_before = over;
   }
   hidden = true;
   return false;
@@ -1313,9 +1433,9 @@ bool seen(vec3 o, vec3 d, float reach, int slot, out vec4 colour, out float way)
   way = reach;
   colour = vec4(0.0);
   if (has_depth != 0) {
-    found = march_direct(o, d, reach, pixel, way, hidden);
+    found = march_direct(o, d, reach, slot, pixel, way, hidden);
     if (found) {
-      colour = direct_at(pixel);
+      colour = thing_at(pixel);
     }
   }
   if (slot >= 0 && hidden) {
@@ -1341,8 +1461,8 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
   bool shown = clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
                all(lessThan(pixel, view.size.xy));
-  if (has_depth != 0 && shown && depth_at(ivec2(pixel)) >= FAR_OFF) {
-    return direct_at(pixel);
+  if (has_depth != 0 && shown && depth_near(pixel) >= FAR_OFF) {
+    return thing_at(pixel);
   }
   if (slot >= 0) {
     return capture_colour(slot, d);
@@ -1367,7 +1487,7 @@ bool covered(vec3 p)
   }
   vec4 clip = view.to_clip * vec4(p, 1.0);
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
-  return depth_at(ivec2(pixel)) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
+  return depth_near(pixel) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
 }
 
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)
@@ -1430,8 +1550,8 @@ bool touches(vec3 at, vec3 d, vec4 light, int g, int number)
   float near = TOUCHING * row(9 + GLASS_ROWS * g).x;
   if (has_depth != 0 && clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
       all(lessThan(pixel, view.size.xy))) {
-    if (abs(depth_at(ivec2(pixel)) - dot(view.depth_row, vec4(at, 1.0))) < near) {
-      add(direct_at(pixel), light);
+    if (abs(depth_near(pixel) - dot(view.depth_row, vec4(at, 1.0))) < near) {
+      add(thing_at(pixel), light);
       return true;
     }
   }
@@ -1493,6 +1613,21 @@ void main()
 
 PICTURE = HOOKS + SMOOTH + FOLLOW + LOOKUP + MAIN
 
+# For tests: the depth that counts for places between pixels, and that of an edge to their left.
+BETWEEN = (
+    HOOKS
+    + SMOOTH
+    + FOLLOW
+    + LOOKUP
+    + """
+void main()
+{
+  vec2 at = gl_FragCoord.xy / parts;
+  frag = vec4(depth_near(at), limb_at(at, vec2(1.0, 0.0)), 0.0, 0.0);
+}
+"""
+)
+
 EXITS = (
     HOOKS
     + FOLLOW
@@ -1537,27 +1672,65 @@ void main()
 }
 """
 
+# Edges and points of glasses, whose depths tell where an overlay drew them. `begin`, 0 or 1: all
+# that is drawn with 1 lies behind all that is drawn with 0.
+WIRES_VERTEX = """
+void main()
+{
+  gl_Position = to_clip * vec4(place, 1.0);
+  gl_Position.z = 0.5 * gl_Position.z + (begin - 0.5) * gl_Position.w;
+  gl_PointSize = dot_size;
+}
+"""
+
+WIRES = """
+void main() { frag = vec4(2.0 * gl_FragCoord.z - begin); }
+"""
+
+# Whether an overlay's line that a glass is drawn by is at a pixel, of which the depth buffer has a
+# value. `line`: see `eye.common_line`.
+WIRE_AT = """
+/* By how much a line may lie before the nearest edge here and behind it, as part of the depth:
+ * overlays draw lines a little nearer, and edges are drawn a pixel wider here. */
+#define WIRE_BEFORE 0.004
+#define WIRE_BEHIND 0.03
+
+float depth_of(float value) { return (line.x + line.y * value) / (line.z + line.w * value); }
+
+bool is_wire(ivec2 pixel, float value)
+{
+  float wire = texelFetch(wire_tx, pixel, 0).r;
+  if (wire > 1.0 || value >= 1.0) {
+    return false;
+  }
+  float depth = depth_of(value);
+  float behind = (depth - depth_of(wire)) / max(abs(depth), 1.0);
+  return behind > -WIRE_BEFORE && behind < WIRE_BEHIND;
+}
+"""
+
 # Puts the picture into the view. part 0: what the view's pixels are multiplied by, 1: what is added
 # to them; 2: what the background, which lies in the overlay, is multiplied by, 3: the background
 # that is added where a surface stood. The overlay also has the lines that the glasses are drawn by
 # so that they can be clicked at; where no glass is selected they are taken out.
 RESULT = (
     SMOOTH
+    + WIRE_AT
     + """
-#define LINE_REACH 1
-#define LINE_PART 0.004
+/* Pixels from a line's own to those that it is smoothed over; the edges are drawn as wide. */
+#define LINE_REACH 2
 
-/* Whether an overlay's line at the depth of the glasses is drawn here or right beside. */
+/* Whether an overlay's line that a glass is drawn by is here or right beside. */
 bool is_line(ivec2 pixel)
 {
+  if (texelFetch(wire_tx, pixel, 0).r > 1.0) {
+    return false;
+  }
   ivec2 last = textureSize(direct_tx, 0) - 1;
   for (int y = -LINE_REACH; y <= LINE_REACH; y++) {
     for (int x = -LINE_REACH; x <= LINE_REACH; x++) {
       ivec2 p = clamp(pixel + ivec2(x, y), ivec2(0), last);
-      float value = texelFetch(raw_tx, p, 0).r;
-      float depth = (line.x + line.y * value) / (line.z + line.w * value);
-      if (value < 1.0 && depth > lines_at.x && depth < lines_at.y &&
-          texelFetch(depth_tx, p, 0).r > depth + LINE_PART * max(abs(depth), 1.0)) {
+      if (is_wire(p, texelFetch(raw_tx, p, 0).r)) {
         return true;
       }
     }
@@ -1575,7 +1748,7 @@ void main()
 {
   vec4 covers_ = at_pixel(cover_tx);
   float covers = covers_.r / max(covers_.g, 1.0);
-  if (covers <= 0.0 && (part < 2 || lines_at.x >= lines_at.y)) {
+  if (covers <= 0.0 && (part < 2 || lines != 0)) {
     discard;
   }
   if (part == 0) {
@@ -1590,7 +1763,7 @@ void main()
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   float before = texelFetch(direct_tx, pixel, 0).a;
   float after = (1.0 - covers) * before + min(seen.a, covers);
-  bool erased = lines_at.x < lines_at.y && is_line(pixel);
+  bool erased = lines == 0 && is_line(pixel);
   bool is_open = before < 0.99 && !erased;
   if (part == 2) {
     frag = vec4(erased ? 0.0 : (is_open ? (1.0 - after) / (1.0 - before) : 1.0));
@@ -1643,26 +1816,75 @@ void main()
 
 # The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
 # pixels wide, as their lines are, gets the depth of what lies on both sides of it.
-DEPTH = """
+DEPTH = (
+    WIRE_AT
+    + """
 #define FAR_OFF 1e20
 #define LINE 2
+/* Pixels over which lines of glasses may lie side by side. */
+#define MOST_WIRES 24
 
 float value_at(ivec2 pixel)
 {
   return texelFetch(raw_tx, clamp(pixel, ivec2(0), textureSize(raw_tx, 0) - 1), 0).r;
 }
 
+/* The value beyond the lines that lie side by side in one direction. */
+float value_beyond(ivec2 pixel, ivec2 step_)
+{
+  ivec2 last = textureSize(raw_tx, 0) - 1;
+  float value = 1.0;
+  for (int k = 0; k < MOST_WIRES; k++) {
+    pixel = clamp(pixel + step_, ivec2(0), last);
+    value = texelFetch(raw_tx, pixel, 0).r;
+    if (!is_wire(pixel, value)) {
+      break;
+    }
+  }
+  return value;
+}
+
 void main()
 {
   ivec2 p = ivec2(gl_FragCoord.xy);
   float value = value_at(p);
-  float across = min(value_at(p - ivec2(LINE, 0)), value_at(p + ivec2(LINE, 0)));
-  float along = min(value_at(p - ivec2(0, LINE)), value_at(p + ivec2(0, LINE)));
+  ivec2 right = ivec2(1, 0), up = ivec2(0, 1);
+  float across, along;
+  if (is_wire(p, value)) {
+    across = min(value_beyond(p, -right), value_beyond(p, right));
+    along = min(value_beyond(p, -up), value_beyond(p, up));
+  }
+  else {
+    across = min(value_at(p - LINE * right), value_at(p + LINE * right));
+    along = min(value_at(p - LINE * up), value_at(p + LINE * up));
+  }
   value = max(value, max(across, along));
-  float depth = (line.x + line.y * value) / (line.z + line.w * value);
-  frag = vec4(value >= 1.0 ? FAR_OFF : depth);
+  frag = vec4(value >= 1.0 ? FAR_OFF : depth_of(value), 0.0, 0.0, 0.0);
 }
 """
+)
+
+# The same depths, and which pixels have others beside them that lie in front of them or behind.
+STEPS = (
+    EDGE
+    + """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  ivec2 last = textureSize(depth_tx, 0) - 1;
+  float depth = texelFetch(depth_tx, pixel, 0).r;
+  float near = depth, far = depth;
+  for (int k = 0; k < 9; k++) {
+    ivec2 other = clamp(pixel + ivec2(k % 3, k / 3) - 1, ivec2(0), last);
+    float value = texelFetch(depth_tx, other, 0).r;
+    near = min(near, value);
+    far = max(far, value);
+  }
+  bool is_step = far - near > EDGE * (width.x + width.y * near);
+  frag = vec4(depth, is_step ? 1.0 : 0.0, 0.0, 0.0);
+}
+"""
+)
 
 # The nearest and the farthest depth in each tile of the view.
 TILES = """
@@ -1685,15 +1907,37 @@ void main()
 }
 """
 
-# Takes a face of a capture, as the engine drew it, into the atlas of all captures.
-FACE = """
+# Takes a face of a capture, as the engine drew it, into the atlas of all captures. Where an overlay
+# drew lines of glasses, what is beside them stands in.
+FACE = (
+    WIRE_AT
+    + """
+#define MOST_WIRES 16
+
+ivec2 beside_wires(ivec2 pixel)
+{
+  ivec2 last = textureSize(face_tx, 0) - 1;
+  for (int far = 0; far < MOST_WIRES; far++) {
+    for (int k = 0; k < 4; k++) {
+      ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
+      ivec2 other = clamp(pixel + far * step_, ivec2(0), last);
+      float wire = texelFetch(wire_tx, other, 0).r;
+      float depth = depth_of(texelFetch(depth_tx, other, 0).r);
+      /* Lines are smoothed over pixels that show what lies behind them. */
+      if (wire > 1.0 || depth < depth_of(wire) - WIRE_BEFORE * max(depth, 1.0)) {
+        return other;
+      }
+    }
+  }
+  return pixel;
+}
+
 void main()
 {
-  ivec2 pixel = ivec2(gl_FragCoord.xy) - origin;
-  vec4 colour = texelFetch(face_tx, pixel, 0);
+  ivec2 pixel = beside_wires(ivec2(gl_FragCoord.xy) - origin);
+  color = texelFetch(face_tx, pixel, 0);
   float value = texelFetch(depth_tx, pixel, 0).r;
-  float depth = range.x * range.y / (range.y - value * (range.y - range.x));
-  color = colour;
-  reach = vec4(value < 1.0 ? depth : (colour.a > 0.5 ? 1e20 : -1e20));
+  reach = vec4(value < 1.0 ? depth_of(value) : (color.a > 0.5 ? 1e20 : -1e20));
 }
 """
+)

@@ -18,9 +18,10 @@ import numpy as np
 
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
-from .description import Frame, Posed, trees_of
-from .eye import common_line, depth_begin, pack_view
+from .description import ROWS, Frame, Posed, trees_of
+from .eye import CAPTURES, common_line, pack_view, pixel_width
 from .trees import ROW_BITS, Tree
+from .wires import Wires
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -44,8 +45,9 @@ class Direct:
 
     Attributes
     ----------
-    colour, tiles : textures. raw, depth : of the depth buffer's values, and of what they mean in
-        units of the common frame, see `glsl.DEPTH`; line : the numbers (a, b, c, d) between both.
+    colour, tiles : textures; wire_depth : see `wires.Wires.draw`. raw, depth : of the depth
+        buffer's values, and of what they mean in units of the common frame, see `glsl.DEPTH` and
+        `glsl.STEPS`; line : the numbers (a, b, c, d) between both.
     has_depth : EEVEE writes none while overlays are off.
     stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
         reading, what was Python's and NumPy's part.
@@ -53,13 +55,16 @@ class Direct:
 
     def __init__(self) -> None:
         self.size = (0, 0)
+        self.wires, self.wire_depth = Wires(), None
         self.colour = self.raw = self.depth = self.tiles = None
         self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
         self.stamp: np.ndarray | None = None
         self.python_seconds = 0.0
         self._buffers: tuple = ()
-        self._to_depth = self._to_tiles = None
+        self._plain = self._to_depth = self._to_tiles = None
+        self._stepped = self._to_stepped = None
+        self._depths: np.ndarray | None = None
 
     def read(self, framebuffer, view: Viewpoint, frame: Frame) -> bool:
         """Take the view's picture over; whether it differs from the last one."""
@@ -70,7 +75,9 @@ class Direct:
                 gpu.types.Buffer("FLOAT", (height, width, 4)),
                 gpu.types.Buffer("FLOAT", (height, width)),
             )
-            self.depth, self._to_depth = _target(view.size, "R32F")
+            self._plain, self._to_depth = _target(view.size, "RG32F")
+            self._stepped, self._to_stepped = _target(view.size, "RG32F")
+            self._depths = None
             # Four channels: two of them cannot be read back everywhere.
             self.tiles, self._to_tiles = _target(tuple(-(-n // TILE) for n in view.size), "RGBA32F")
         colour, depth = self._buffers
@@ -80,6 +87,7 @@ class Direct:
         self.colour = gpu.types.GPUTexture(view.size, format="RGBA32F", data=colour)
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
+        self.wire_depth = self.wires.draw(view.projection @ view.to_camera, view.size)
         self._fill(self._to_depth, "depth", view.size)
         columns, rows = size = self.tiles.width, self.tiles.height
         self._fill(self._to_tiles, "tiles", size)
@@ -88,11 +96,31 @@ class Direct:
         began = time.thread_time()
         tiles = np.asarray(read).reshape(rows, columns, 4)
         self.has_depth = bool(tiles[..., 0].min() < tiles[..., 1].max())
+        if self._depths is None or not np.array_equal(tiles[..., :2], self._depths):
+            self._depths, self.depth = tiles[..., :2].copy(), self._plain
         stamp = np.concatenate((np.asarray(colour)[::TILE, ::TILE].ravel(), tiles[..., 0].ravel()))
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
         self.python_seconds = time.thread_time() - began
         return not same
+
+    def find_steps(self, view: Viewpoint, frame: Frame) -> None:
+        """See that the depths tell where things end in front of others: edges get smooth by it."""
+        if self.depth is not self._stepped:
+            self._mark_steps(pixel_width(view, frame))
+
+    def _mark_steps(self, width: tuple[float, float]) -> None:
+        shader = _shader("steps")
+        with self._to_stepped.bind():
+            gpu.state.viewport_set(0, 0, *self.size)
+            gpu.state.depth_test_set("NONE")
+            gpu.state.blend_set("NONE")
+            shader.bind()
+            shader.uniform_sampler("depth_tx", self._plain)
+            shader.uniform_float("width", width)
+            shader.uniform_float("box", WHOLE)
+            _quad().draw(shader)
+        self.depth = self._stepped
 
     def _fill(self, target, name: str, size: tuple[int, int]) -> None:
         """Fill a texture that is made of the depth buffer's values."""
@@ -103,6 +131,8 @@ class Direct:
             gpu.state.blend_set("NONE")
             shader.bind()
             shader.uniform_sampler("raw_tx", self.raw)
+            if name == "depth":
+                shader.uniform_sampler("wire_tx", self.wire_depth)
             shader.uniform_float("line", self.line)
             shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
@@ -143,6 +173,48 @@ def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.
     with target.bind():
         read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
+
+
+def depths_between(values: np.ndarray, width: float, parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Depths that count at ``parts``² places in each pixel, for tests; needs a GPU context.
+
+    Parameters
+    ----------
+    values : (height, width) depths of pixels. width : of a pixel, in the depths' unit.
+
+    Returns
+    -------
+    (rows, columns) each: the depths, and those of a round thing's edge to the left of each place.
+    """
+    height, columns = values.shape
+    direct = Direct()
+    direct.size = (columns, height)
+    direct.depth = direct._plain = _texture(np.ascontiguousarray(values, np.float32), "R32F")
+    direct._stepped, direct._to_stepped = _target(direct.size, "RG32F")
+    direct._mark_steps((width, 0.0))
+    block = np.zeros((12 + CAPTURES, 4), np.float32)
+    block[5, 0], block[10, :2] = width, direct.size
+    size = (parts * columns, parts * height)
+    _, target = _target(size, "RGBA32F")
+    shader = _shader("between")
+    # Held until they were drawn with.
+    glasses, view = _uniform(np.zeros((ROWS, 4))), _uniform(block)
+    none = _texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
+    with target.bind():
+        gpu.state.viewport_set(0, 0, *size)
+        gpu.state.depth_test_set("NONE")
+        gpu.state.blend_set("NONE")
+        shader.bind()
+        shader.uniform_block("glasses", glasses)
+        shader.uniform_block("view", view)
+        for name in DESCRIPTIONS["between"]["samplers"]:
+            shader.uniform_sampler(name, direct.depth if name == "depth_tx" else none)
+        shader.uniform_float("parts", float(parts))
+        shader.uniform_float("box", WHOLE)
+        _quad().draw(shader)
+        read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
+    read = read.reshape(size[1], size[0], 4)
+    return read[..., 0], read[..., 1]
 
 
 class _Layer:
@@ -194,7 +266,6 @@ class Painter:
         self.view_block = None
         self._view: Viewpoint | None = None
         self._rects: list[tuple[float, float, float, float]] = []
-        self._depths = self._lines_at = (0.0, 0.0)
         self._strips: list[tuple[float, float, float, float]] = []
 
     def describe(
@@ -223,10 +294,6 @@ class Painter:
             self._mesh = mesh_texture(trees) if trees else None
         self.view_block = _uniform(pack_view(view, frame, captures, scene_reach))
         self._view = view
-        middles = np.array([glass.middle() for glass in glasses])
-        ahead = view.clip(middles)[:, 3] / frame.unit - depth_begin(view, frame)
-        reaches = np.array([glass.reach() for glass in glasses]) / frame.unit
-        self._depths = float((ahead - reaches).min()), float((ahead + reaches).max())
         self._rects = merged([screen_rect(glass, view) for glass in glasses])
 
     @property
@@ -454,17 +521,17 @@ class Painter:
             the scene and so has no alpha.
         lines : leave the lines in the overlay that the glasses' meshes are drawn by.
         """
-        self._lines_at = (0.0, 0.0) if lines or not self.direct.has_depth else self._depths
+        lines = lines or not self.direct.has_depth
         with framebuffer.bind():
-            self._result(0, backdrop)
-            self._result(1, backdrop)
-        self._result(2, backdrop)
-        self._result(3, backdrop)
+            self._result(0, backdrop, lines)
+            self._result(1, backdrop, lines)
+        self._result(2, backdrop, lines)
+        self._result(3, backdrop, lines)
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         gpu.state.blend_set("NONE")
 
-    def _result(self, part: int, backdrop) -> None:
+    def _result(self, part: int, backdrop, lines: bool) -> None:
         shader = _shader("result")
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("ADDITIVE_PREMULT" if part % 2 else "MULTIPLY")
@@ -473,9 +540,9 @@ class Painter:
         shader.uniform_sampler("cover_tx", self._used.cover)
         shader.uniform_sampler("direct_tx", self.direct.colour)
         shader.uniform_sampler("raw_tx", self.direct.raw)
-        shader.uniform_sampler("depth_tx", self.direct.depth)
+        shader.uniform_sampler("wire_tx", self.direct.wire_depth)
         shader.uniform_float("line", self.direct.line)
-        shader.uniform_float("lines_at", self._lines_at)
+        shader.uniform_int("lines", int(lines))
         shader.uniform_int("part", part)
         shader.uniform_float("backdrop", backdrop)
         shader.uniform_float("divisor", float(self.divisor))
@@ -635,16 +702,24 @@ DESCRIPTIONS = {
         "outputs": ["color", "cover"],
         "fragment": glsl.PICTURE,
     },
+    "between": {
+        "constants": [("VEC4", "box"), ("FLOAT", "parts"), ("INT", "has_depth")],
+        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"],
+        "glasses": True,
+        "view": True,
+        "outputs": ["frag"],
+        "fragment": glsl.BETWEEN,
+    },
     "result": {
         "constants": [
             ("VEC4", "box"),
             ("VEC4", "backdrop"),
             ("INT", "part"),
             ("VEC4", "line"),
-            ("VEC2", "lines_at"),
+            ("INT", "lines"),
             ("FLOAT", "divisor"),
         ],
-        "samplers": ["color_tx", "cover_tx", "direct_tx", "raw_tx", "depth_tx"],
+        "samplers": ["color_tx", "cover_tx", "direct_tx", "raw_tx", "wire_tx"],
         "outputs": ["frag"],
         "fragment": glsl.RESULT,
     },
@@ -669,9 +744,15 @@ DESCRIPTIONS = {
     },
     "depth": {
         "constants": [("VEC4", "box"), ("VEC4", "line")],
-        "samplers": ["raw_tx"],
+        "samplers": ["raw_tx", "wire_tx"],
         "outputs": ["frag"],
         "fragment": glsl.DEPTH,
+    },
+    "steps": {
+        "constants": [("VEC4", "box"), ("VEC2", "width")],
+        "samplers": ["depth_tx"],
+        "outputs": ["frag"],
+        "fragment": glsl.STEPS,
     },
     "tiles": {
         "constants": [("VEC4", "box"), ("VEC4", "line")],
@@ -682,10 +763,10 @@ DESCRIPTIONS = {
     "face": {
         "constants": [
             ("VEC4", "box"),
-            ("VEC2", "range"),
+            ("VEC4", "line"),
             ("IVEC2", "origin"),
         ],
-        "samplers": ["face_tx", "depth_tx"],
+        "samplers": ["face_tx", "depth_tx", "wire_tx"],
         "outputs": ["color", "reach"],
         "fragment": glsl.FACE,
     },

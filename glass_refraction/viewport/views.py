@@ -299,6 +299,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if model.key != key:
         if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
             view.problems = model.problems + _unmarked(layer, True)
+        painter.direct.wires.read(layer, model.shown, told)
         if displaces:
             view.displaced.arrange(layer, space, model.glasses)
         model.key = key
@@ -340,7 +341,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         # Else the engine only refines what it shows: what is there stays until better is done.
         view.stage = MOVING
         _ask_for_rest()
-    selected = any(obj.session_uid in model.shown for obj in layer.objects.selected)
+    drawn = painter.direct.wires.uids
+    selected = any(obj.session_uid in drawn for obj in layer.objects.selected)
     painter.show(view.framebuffer, _backdrop(context), lines=selected)
     python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
@@ -582,10 +584,11 @@ def _work(view: _View, window, space, region) -> None:
             view.waits = True
             return
         view_3d = scene, window.view_layer, space, region
+        wires = painter.direct.wires
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
         until = time.perf_counter() + HOLD_SECONDS
         while captures.left and not is_compiling():
-            captures.draw(view.model.frame, view.model.glasses, view_3d, turned)
+            captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned)
             counters["faces"] += 1
             if is_compiling():
                 view.settled = 0
@@ -596,6 +599,7 @@ def _work(view: _View, window, space, region) -> None:
             region.tag_redraw()
         return
     settings = scene.refractive_glass
+    painter.direct.find_steps(view.eye, view.model.frame)
     until = time.perf_counter() + SLICE_SECONDS
     while time.perf_counter() < until and not view.final:
         if view.stage == MOVING:

@@ -185,26 +185,49 @@ def test_an_open_mesh_is_glass_behind_its_front_without_end():
     assert outside[0] == pytest.approx(1.5 * up[0, 0])
 
 
-def test_interpolated_normals_send_no_ray_to_the_wrong_side():
+def test_interpolated_normals_reflect_no_ray_into_the_face():
     rng = np.random.default_rng(6)
     count = 20_000
     flat = unit(rng.normal(size=(count, 3))).T
     along = unit(rng.normal(size=(count, 3))).T
     flat = flat * np.where(np.sum(flat * along, axis=0) > 0.0, -1.0, 1.0)
     smooth = unit(flat.T + rng.uniform(0.0, 2.0, (count, 1)) * rng.normal(size=(count, 3))).T
-    eta = np.where(rng.random(count) < 0.5, 1.5, 1 / 1.5)
-    bent = facets.bent(smooth, flat, along, eta)
+    bent = facets.bent(smooth, flat, along)
     np.testing.assert_allclose(np.linalg.norm(bent, axis=0), 1.0)
     facing = -np.sum(flat * along, axis=0)
     up = np.sum(optics.reflect(along.T, bent.T) * flat.T, axis=1)
     assert (up >= np.minimum(SHARE * facing, CLEAR) - 1e-12).all()
-    turned, total = optics.refract(along.T, bent.T, eta)
-    assert (np.sum(turned * flat.T, axis=1)[~total] < 0.0).all()
     assert (np.sum(bent * along, axis=0) < 0.0).all()
     # Those that were right are left alone.
     kept = (bent == smooth).all(axis=0)
     assert kept.mean() > 0.3
-    np.testing.assert_array_equal(facets.bent(flat, flat, along, eta), flat)
+    np.testing.assert_array_equal(facets.bent(flat, flat, along), flat)
+
+
+def test_light_refracted_to_the_wrong_side_of_a_face_ends_black():
+    """A face whose normals lean by 60°: from within, light is refracted back into it."""
+    lean = np.radians(60.0)
+    leaning = np.array((np.sin(lean), 0.0, np.cos(lean)))
+
+    def meet(origins, directions):
+        count = len(origins)
+        way = np.where(directions[:, 2] != 0.0, -origins[:, 2] / directions[:, 2], np.inf)
+        way = np.where(way > 1e-6, way, np.inf)
+        up = np.tile((0.0, 0.0, 1.0), (count, 1))
+        return np.zeros(count, int), way, up, np.tile(leaning, (count, 1))
+
+    # It leaves at 39° to that normal, 99° to the face's.
+    tilt = np.radians(85.0)
+    along = (np.sin(tilt), 0.0, np.cos(tilt))
+    ends = optics.exit_rays(
+        [optics.PlacedMesh(1.5)], (0.0, 0.0, -1.0), [along], min_weight=1e-4, meet=meet
+    )
+    np.testing.assert_allclose(np.bincount(ends.ray, ends.weight) + ends.lost, 1.0)
+    black = np.isinf(ends.depth).all(axis=1)
+    cosine = np.array(along) @ leaning
+    reflectance = optics.fresnel(cosine, 1.5)
+    assert ends.weight[black].sum() == pytest.approx(1.0 - reflectance, abs=1e-9)
+    assert (ends.distance[black] == np.inf).all()
 
 
 def test_meshes_need_somebody_who_knows_where_they_are():

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The live view's shader follows rays as ``optics.exit_rays`` does, many of each shape."""
 
+import math
+
 import pytest
 
 SHAPES = (
@@ -60,6 +62,19 @@ def test_exit_rays_of_meshes_are_those_of_optics(found, scene):
     assert result["light_off"] < MESHES[scene]
     assert result["weight_off"] < 2e-3
     assert result["ways_of_shader"] <= 1.02 * result["ways"]
+
+
+@pytest.mark.parametrize("degrees", [3, 12, 27, 45, 63, 78, 87])
+def test_edges_of_things_run_straighter_than_pixels(found, degrees):
+    """Held against the corners of single pixels; nine of them cannot tell of the longest stairs."""
+    turn = math.radians(degrees)
+    corner = 0.5 * (math.sin(turn) + math.cos(turn))
+    assert found["straight"][str(degrees)] < (0.85 if degrees in (3, 87) else 0.75) * corner
+
+
+def test_the_edge_of_a_round_thing_lies_as_deep_as_its_axis(found):
+    """Near an edge a circle is a parabola, but for a part."""
+    assert found["rods"] < 0.1
 
 
 def test_tiles_hold_the_nearest_and_farthest_of_their_pixels(found):

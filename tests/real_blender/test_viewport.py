@@ -83,6 +83,16 @@ def test_colours_are_managed_once(found, kind):
     assert beside[2] > 0.5
 
 
+@pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
+def test_captures_tell_how_far_things_are(found, kind):
+    """But for directions right at edges; EEVEE writes no depths while overlays are off."""
+    assert found["capture_depths"][kind] < 0.05
+
+
+def test_lines_of_glasses_that_are_not_selected_are_not_seen(found):
+    assert found["lines"] < 20
+
+
 def test_nothing_happens_on_a_still_scene(found):
     assert found["still"]
 

@@ -8,6 +8,7 @@ import scenes
 
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
+from glass_refraction.scene.memory import counters
 from glass_refraction.scene.names import MODIFIER, RefractiveGlassError, load_group
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
 from glass_refraction.scene.read.mesh_glasses import open_edges
@@ -493,6 +494,79 @@ def test_a_rough_pane_is_cycles_own(tmp_path):
     # Few facets a pixel leave noise: places of 4 x 4 pixels have little of it.
     whole = _coarser(inside[..., None], 4)[..., 0] == 1
     assert psnr(_coarser(found, 4), _coarser(rough, 4), whole) > 33
+
+
+def _three_in_a_row():
+    for k in range(3):
+        _own_mesh(_ball(0.03, (0.01 * k, 0.08 * k, 0.08)), ior=1.5)
+
+
+def _one_in_another():
+    """A ball of glass, of closed form, in a mesh of water, and a bubble in that ball."""
+    bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0.0, 0.0, 0.08), rotation=(0.0, 0.0, 0.4))
+    _own_mesh(ior=1.333)
+    ball = scenes.glass(shape="SPHERE", radius=0.035, wall_thickness=0.0, ior=1.7)
+    ball.location = (0.0, 0.0, 0.08)
+    _own_mesh(_ball(0.012, (0.004, 0.0, 0.085)), ior=1.0)
+
+
+def _overlapping():
+    """Water that runs into a ball of glass of a higher priority."""
+    glass = _own_mesh(_ball(0.03, (-0.02, 0.0, 0.08)), ior=1.5)
+    _own_mesh(_ball(0.03, (0.02, 0.0, 0.08)), ior=1.333)
+    write_input(glass_modifier(glass), "Priority", 1)
+
+
+def _twelve_instances():
+    glass = _out_of_the_scene(_own_mesh(_ball(0.014, (0.0, 0.0, 0.0), 24), ior=1.5))
+    collection = bpy.data.collections.new("Glasses")
+    collection.objects.link(glass)
+    for k in range(12):
+        empty = bpy.data.objects.new("Instance", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", collection
+        empty.location = (0.035 * (k % 4 - 1.5), 0.02 * (k % 3), 0.05 + 0.035 * (k // 4))
+        bpy.context.scene.collection.objects.link(empty)
+
+
+@pytest.mark.parametrize(
+    "build", [_three_in_a_row, _one_in_another, _overlapping, _twelve_instances]
+)
+def test_several_glasses_are_cycles_own(tmp_path, build):
+    """Within 3 dB of what two of its pictures of different noise differ by."""
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(96, 72, samples=32, shading="TRUE", surface="GLASS")
+    build()
+    bpy.context.view_layer.update()
+    found = scenes.picture(scene, tmp_path)
+    inside = door.memory_of(scene).covered
+    assert door.status(scene).problems == []
+    assert inside.sum() > 200
+    one, other = (render_reference(scene, samples=32, seed=seed) for seed in (1, 2))
+
+    def psnr(first, second):
+        return -10 * np.log10(((first - second)[inside][:, :3] ** 2).mean())
+
+    assert min(psnr(found, one), psnr(found, other)) > psnr(one, other) - 3.0
+
+
+def test_the_cost_of_instances_is_that_of_their_pixels(tmp_path):
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(96, 72, samples=1, shading="TRUE", surface="GLASS")
+    _twelve_instances()
+    empties = [obj for obj in scene.objects if obj.instance_type == "COLLECTION"]
+    costs = []
+    for count in (12, 4):
+        for empty in empties[count:]:
+            empty.hide_render = True
+        before = counters["cast_rays"]
+        scenes.picture(scene, tmp_path)
+        covered = int(door.memory_of(scene).covered.sum())
+        costs.append(((counters["cast_rays"] - before) / covered, covered))
+    (twelve, all_pixels), (four, few_pixels) = costs
+    assert all_pixels > 2.5 * few_pixels
+    assert twelve < 1.3 * four
 
 
 def test_a_file_of_an_older_version_gets_the_modifier_anew():

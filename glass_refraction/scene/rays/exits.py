@@ -18,6 +18,9 @@ FINER = ((4, 0.05), (6, 0.2), (12, 0.6))
 FINER_IF_BLACK = ((4, 0.05), (6, 0.2), (28, 0.3))
 """The same where total reflection is black: edges are harder there, and each ray has one way. Also
 for rough glass, of which each ray finds a few facets."""
+FINER_OF_MESHES = ((4, 0.05), (12, 0.2))
+"""The same where all glasses are meshes: their small curves mix many ways in a pixel, where closed
+forms have straight edges of few ways."""
 STEADY = 0.015
 """Part of a pixel's light: a way of which less ends is well shown by the pixel's centre."""
 STEADY_PX = 1.5
@@ -104,7 +107,10 @@ def finer_rays(
     centre, finer : these ways, and those of the further rays.
     """
     pixel = coarse.pixel[coarse.ways.ray]
-    rough = ends.pixel > FINER[0][1]
+    tiers = FINER_OF_MESHES if follower.only_meshes else FINER
+    if follower.rough or not follower.fresnel:
+        tiers = FINER_IF_BLACK
+    rough = ends.pixel > tiers[0][1]
     settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
     # The facets of rough glass differ from ray to ray: none stands for the pixel.
     settled &= not follower.rough
@@ -116,7 +122,6 @@ def finer_rays(
     wanted = brought.copy()
     within = rough[known]
     codes = np.sort(way_codes(known[within], ways.path[within]))
-    tiers = FINER if follower.fresnel and not follower.rough else FINER_IF_BLACK
     limits = [limit for _, limit in tiers[1:]] + [np.inf]
     parts = []
     for (count, least), most in zip(tiers, limits, strict=True):

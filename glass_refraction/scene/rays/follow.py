@@ -93,7 +93,9 @@ class Follower:
         self._skin = CONTACT * float(np.linalg.norm(high - low))
         inside = (self.boxes[:, 0] < high - self._skin) & (self.boxes[:, 1] > low + self._skin)
         self._apart = not inside.all(axis=1).any()
-        self.rough = any(glass.roughness for _, placed in self.bands for glass in placed)
+        placed = [glass for _, glasses in self.bands for glass in glasses]
+        self.rough = any(glass.roughness for glass in placed)
+        self.only_meshes = all(isinstance(glass, optics.PlacedMesh) for glass in placed)
 
     @property
     def fine_weight(self) -> float:

@@ -18,6 +18,7 @@ from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
 from .caster import Casters
 from .curtain import curtain, looked_up
+from .edges import off_edges
 from .exits import (
     PictureRays,
     centre_rays,
@@ -46,7 +47,7 @@ NEAREST = 1e-3
 FAR, FARTHER = 1e3, 1.1
 """Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
 NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
-NOISIEST, MOST_NOISE = 2.0, 0.5
+NOISIEST, MOST_NOISE = 2.0, 0.7
 """Variance of what a view shows, over that of what the direct picture shows: see `_worth`."""
 FOLLOWING = "following light through the glass"
 """What users are told meanwhile."""
@@ -262,7 +263,7 @@ def _followed(
     kept, centre, finer = finer_rays(coarse, ends, sigma, follower)
     shown = Shown.joined([shown.take(kept), show(scene, views, finer.ways)])
     rays = together([centre, finer])
-    return rays, shown, views, glint
+    return rays, off_edges(scene, views, rays.ways, shown), views, glint
 
 
 def _bands(glasses: Sequence[Glass]) -> list[Band]:
@@ -272,10 +273,14 @@ def _bands(glasses: Sequence[Glass]) -> list[Band]:
     for band in names:
         seen = [glass.in_light(band) if glass.disperses and band else glass for glass in glasses]
         bodies = [body for body in map(as_body, seen) if body is not None]
-        ranks = _ranks(bodies)
-        placed = [_placed(body, rank) for body, rank in zip(bodies, ranks, strict=True)]
-        found.append((BAND_COLOURS[band], placed))
+        found.append((BAND_COLOURS[band], placed_glasses(bodies)))
     return found
+
+
+def placed_glasses(bodies: Sequence[Glass]) -> list[optics.Placed]:
+    """Glasses with all the faces that bound them, as the tracer takes them."""
+    ranks = _ranks(bodies)
+    return [_placed(body, rank) for body, rank in zip(bodies, ranks, strict=True)]
 
 
 def _ranks(bodies: Sequence[Glass]) -> list[int]:

@@ -120,6 +120,21 @@ class RadianceView:
         skipped = self.near / np.maximum(directions @ self.forward, 1e-6)
         return self.eye + directions * skipped[:, None], directions, length - skipped
 
+    def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rays through places (N, 2) of the frame, from where the view begins to see: origins and
+        unit directions (N, 3)."""
+        p = self.projection
+        local = np.empty((len(pixels), 3))
+        local[:, 2] = -max(self.near, 1.0)
+        for axis in range(2):
+            ndc = 2.0 * pixels[:, axis] / self.size[axis] - 1.0
+            if self.is_parallel:
+                local[:, axis] = (ndc - p[axis, 3]) / p[axis, axis]
+            else:
+                local[:, axis] = (ndc + p[axis, 2]) / p[axis, axis] * -local[:, 2]
+        points = (local - self.to_camera[:3, 3]) @ self.to_camera[:3, :3]
+        return self.sight(points)[:2]
+
     def sky_sight(self, directions: np.ndarray) -> np.ndarray:
         """Origins (N, 3) of the rays by which the view sees into these directions."""
         skipped = self.near / np.maximum(directions @ self.forward, 1e-6)

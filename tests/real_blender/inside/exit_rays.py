@@ -234,6 +234,43 @@ def compare_tiles(paint):
     return float(worst)
 
 
+PARTS = 8
+"""Places a side of a pixel at which depths are asked for."""
+
+
+def straight_edges(paint):
+    """By how many pixels the edge of a half-plane is off, by the angle of its normal in degrees."""
+    worst = {}
+    rows, columns = 48, 60
+    y, x = np.mgrid[:rows, :columns] + 0.5
+    for degrees in (3, 12, 27, 45, 63, 78, 87):
+        normal = np.array((np.cos(np.radians(degrees)), np.sin(np.radians(degrees))))
+        place = (x - 30.3) * normal[0] + (y - 24.1) * normal[1]
+        depths, _ = paint.depths_between(np.where(place < 0.0, 5.0, 9.0), 0.01, PARTS)
+        v, u = (np.mgrid[: PARTS * rows, : PARTS * columns] + 0.5) / PARTS
+        apart = (u - 30.3) * normal[0] + (v - 24.1) * normal[1]
+        wrong = (depths < 7.0) != (apart < 0.0)
+        # Beyond the picture's own edge nothing votes.
+        wrong[:PARTS] = wrong[-PARTS:] = wrong[:, :PARTS] = wrong[:, -PARTS:] = False
+        worst[degrees] = float(np.abs(apart[wrong]).max(initial=0.0))
+    return worst
+
+
+def edges_of_rods(paint):
+    """By what part of its radius the depth is off that the edge of a round rod is said to have."""
+    worst = 0.0
+    radius, width = 20.0, 0.01
+    for shift in np.linspace(0.0, 1.0, 7):
+        x = np.arange(80) + 0.5 - (40.0 + shift)
+        deep = 6.0 - width * np.sqrt(np.maximum(radius**2 - x**2, 0.0))
+        row = np.where(np.abs(x) < radius, deep, 9.0)
+        _, limbs = paint.depths_between(np.tile(row, (9, 1)), width, PARTS)
+        first = int(np.argmax(np.abs(x) < radius))
+        found = limbs[4 * PARTS + PARTS // 2, (first + 1) * PARTS : (first + 2) * PARTS]
+        worst = max(worst, float(np.abs(found - 6.0).max()) / (width * radius))
+    return worst
+
+
 def run():
     result = {}
     try:
@@ -243,6 +280,8 @@ def run():
         paint = __import__("importlib").import_module(f"{root.__name__}.viewport.paint")
         trees = __import__("importlib").import_module(f"{root.__name__}.viewport.trees")
         result["tiles"] = compare_tiles(paint)
+        result["straight"], result["rods"] = straight_edges(paint), edges_of_rods(paint)
+        print("exit_rays:", result, flush=True)
         for seed, (name, glass) in enumerate(shapes(optics).items()):
             result[name] = compare(optics, description, paint, glass, seed)
             print("exit_rays:", name, json.dumps(result[name]), flush=True)

@@ -60,7 +60,7 @@ class Following:
         self._view, self._follow = view, follow
 
     fine_weight = 0.0
-    fresnel, rough = True, False
+    fresnel, rough, only_meshes = True, False, False
 
     def ways(self, pixels, places, settled=None):
         width = self._view.size[0]

@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glasses that overlap, as interfaces that do not: each border of two media is there once.
+
+A path tracer bends light at every surface by the ior that the surface names; it knows of no
+priorities. So the glasses' triangles are cut along the lines where they run through each other.
+Each piece then has one medium before it and one behind it, by the same rule as the exit rays'
+(`optics.Media`). A piece with the same medium on both sides is left out, and of two that lie on
+each other the one of the lower rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import bpy
+import numpy as np
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
+from mathutils.geometry import delaunay_2d_cdt
+
+from .. import optics
+from ..scene.rays.frame import placed_glasses
+from ..scene.read.glasses import Glass, as_body
+from ..scene.read.mesh_glasses import MeshGlass, triangles_of
+from .glass_mesh import fill_mesh, glass_surfaces
+
+SKIN = 1e-4
+"""Of the size of all glasses: so far before and behind a piece its media are looked up, and nearer
+surfaces lie on each other. Facets of closed forms miss the true surface by a fifth of that."""
+SNAP = 1e-6
+"""Of a triangle's edges: corners of its pieces that are nearer are one. `delaunay_2d_cdt` takes
+places of float32."""
+PAIRS = 1 << 17
+"""Pairs of triangles that are cut together: some hundred megabytes of memory."""
+BRANCHES = 8
+"""Boxes in a box, where triangles that touch are looked for."""
+CELLS = 1 << 12
+"""Along each axis, by which triangles are ordered."""
+LEAST = 1e-300
+"""Keeps a quotient finite where all triangles are in one place."""
+ASLANT = 0.1
+"""Cosine to a face's normal from which on a ray tells well on which side of it it was."""
+PROBES = tuple(
+    Vector(way).normalized()
+    for way in ((0.531, 0.262, 0.806), (-0.713, 0.487, 0.505), (0.218, -0.861, 0.459))
+)
+"""Directions in which a mesh is looked for to know whether a place is in it: along no axis, where
+meshes like to have their edges."""
+ENOUGH = 2
+"""Probes that agree."""
+
+
+@dataclass(frozen=True, eq=False)
+class Interfaces:
+    """Triangles in the world, each between two media.
+
+    Attributes
+    ----------
+    points, normals : (P, 3, 3) float64: corners, metres, anticlockwise seen from the front; unit
+        interpolated normals there.
+    glass : (P,) number of the glass whose surface it is.
+    ior : (P,) of the medium behind it over that before it.
+    absorption : (P, 2, 3) coefficients before it and behind it, red, green, blue, per metre.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    glass: np.ndarray
+    ior: np.ndarray
+    absorption: np.ndarray
+
+
+class _Shell:
+    """A glass's triangles in the world, and a tree of them in a frame in which they are near 1."""
+
+    def __init__(self, glass: Glass, placed: optics.Placed) -> None:
+        self.placed = placed
+        if isinstance(glass.description, MeshGlass):
+            self.points, self.normals = glass.description.points, glass.description.normals
+        else:
+            points, normals = _closed_form(glass)
+            self.points = glass.points_to_world(points)
+            self.normals = normals @ glass.to_world[:3, :3].T
+        self.box = np.array((self.points.min(axis=(0, 1)), self.points.max(axis=(0, 1))))
+
+    @cached_property
+    def _scale(self) -> float:
+        return float(np.ptp(self.box, axis=0).max())
+
+    def local(self, points: np.ndarray) -> np.ndarray:
+        """World points in the tree's frame."""
+        return (points - self.box[0]) / self._scale
+
+    @cached_property
+    def tree(self) -> BVHTree:
+        """Its triangles."""
+        points = self.local(self.points).reshape(-1, 3)
+        faces = np.arange(len(points)).reshape(-1, 3)
+        return BVHTree.FromPolygons(points.tolist(), faces.tolist(), all_triangles=True)
+
+    def medium_at(self, points: np.ndarray) -> np.ndarray:
+        """(N,) its medium at world points (N, 3), 0 outside it."""
+        found = np.zeros(len(points), int)
+        within = np.flatnonzero(np.all((points >= self.box[0]) & (points <= self.box[1]), axis=1))
+        if isinstance(self.placed, optics.PlacedGlass):
+            turn, middle = self.placed.pose[:3, :3], self.placed.pose[:3, 3]
+            found[within] = self.placed.body.medium_at((points[within] - middle) @ turn)
+            return found
+        for number, place in zip(within, self.local(points[within]), strict=True):
+            found[number] = self._holds(Vector(place))
+        return found
+
+    def _holds(self, place: Vector) -> bool:
+        """Whether most probes from a place of the tree's frame come to a back of a face first."""
+        votes = 0
+        for probe in PROBES:
+            _, normal, _, distance = self.tree.ray_cast(place, probe)
+            cosine = -1.0 if distance is None else normal.dot(probe)
+            if abs(cosine) > ASLANT:
+                votes += 1 if cosine > 0.0 else -1
+            if abs(votes) == ENOUGH:
+                break
+        return votes > 0
+
+
+def _closed_form(glass: Glass) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of triangles, and normals there, (T, 3, 3), in the glass's own frame."""
+    mesh = bpy.data.meshes.new("interfaces")
+    try:
+        fill_mesh(mesh, glass_surfaces(glass.description))
+        return triangles_of(mesh)
+    finally:
+        bpy.data.meshes.remove(mesh)
+
+
+def overlapping(glasses: Sequence[Glass]) -> frozenset[str]:
+    """Names of the glasses that run through another one, or lie in one or on one."""
+    bounded = [glass for glass in glasses if as_body(glass) is not None]
+    bodies = [as_body(glass) for glass in bounded]
+    boxes = [_box(body) for body in bodies]
+    near = [
+        (a, b)
+        for b in range(len(bodies))
+        for a in range(b)
+        if np.all((boxes[a][0] <= boxes[b][1]) & (boxes[a][1] >= boxes[b][0]))
+    ]
+    if not near:
+        return frozenset()
+    placed = placed_glasses(bodies)
+    shells = {n: _Shell(bounded[n], placed[n]) for n in sorted({n for pair in near for n in pair})}
+    found = set()
+    for pair in near:
+        names = {bounded[n].name for n in pair}
+        if not names <= found and _touch(*(shells[n] for n in pair)):
+            found |= names
+    return frozenset(found)
+
+
+def _box(body: Glass) -> np.ndarray:
+    """(2, 3): a box round a glass in the world."""
+    box = np.asarray(body.description.box)
+    corners = body.points_to_world(np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3))
+    return np.array((corners.min(axis=0), corners.max(axis=0)))
+
+
+def _touch(one: _Shell, other: _Shell) -> bool:
+    """Whether two glasses run through each other or touch, or one is in the other."""
+    if len(_cuts(one, other)[0]):
+        return True
+    return any(a.medium_at(b.points[:, 0]).any() for a, b in ((one, other), (other, one)))
+
+
+def interfaces(glasses: Sequence[Glass]) -> Interfaces:
+    """The interfaces of glasses that may overlap; numbers of glasses are those of the list.
+
+    Raises
+    ------
+    ValueError
+        A glass has no bounds.
+    """
+    bodies = [as_body(glass) for glass in glasses]
+    if None in bodies:
+        raise ValueError("glasses must have bounds")
+    placed = placed_glasses(bodies)
+    media = optics.Media(placed)
+    shells = [_Shell(glass, one) for glass, one in zip(glasses, placed, strict=True)]
+    skin = SKIN * float(np.ptp(np.concatenate([shell.box for shell in shells]), axis=0).max())
+    parts = [
+        _pieces(shell, [_cuts(shell, other) for other in shells if other is not shell])
+        for shell in shells
+    ]
+    owner = np.repeat(np.arange(len(parts)), [len(points) for points, _ in parts])
+    points, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
+    flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    area = np.linalg.norm(flat, axis=1)
+    kept = np.flatnonzero(area > 0.0)
+    points, normals, owner = points[kept], normals[kept], owner[kept]
+    off = skin * flat[kept] / area[kept, None]
+    middle = points.mean(axis=1)
+    sides = [
+        np.stack([shell.medium_at(middle + sign * off) for shell in shells]) for sign in (1, -1)
+    ]
+    for number, one in enumerate(placed):
+        # A mesh's own faces tell, whatever else of it is near.
+        if isinstance(one, optics.PlacedMesh):
+            for side, medium in zip(sides, (0, 1), strict=True):
+                side[number, owner == number] = medium
+    changes = sides[0] != sides[1]
+    hidden = (changes & (media.rank[:, None] > media.rank[owner])).any(axis=0)
+    entered = np.zeros(sides[0].shape, int)
+    front, back = (np.stack(media.holding(side, entered)) for side in sides)
+    seen = np.flatnonzero(~hidden & (front != back).any(axis=0))
+    front, back = tuple(front[:, seen]), tuple(back[:, seen])
+    return Interfaces(
+        points[seen],
+        normals[seen],
+        owner[seen],
+        media.ior[back] / media.ior[front],
+        np.stack((media.absorption[front], media.absorption[back]), axis=1),
+    )
+
+
+def _pieces(
+    shell: _Shell, cuts: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and unit normals (P, 3, 3) of a glass's triangles, cut along lines (see `_cuts`)."""
+    triangle = np.concatenate([part for part, _ in cuts] or [np.zeros(0, int)])
+    if not len(triangle):
+        return shell.points, shell.normals
+    order = np.argsort(triangle, kind="stable")
+    segment = np.concatenate([part for _, part in cuts])[order]
+    cut, first = np.unique(triangle[order], return_index=True)
+    whole = np.ones(len(shell.points), bool)
+    whole[cut] = False
+    points, normals = [shell.points[whole]], [shell.normals[whole]]
+    for number, segments in zip(cut, np.split(segment, first[1:]), strict=True):
+        shares = _divided(segments)
+        points.append(shares @ shell.points[number])
+        normals.append(shares @ shell.normals[number])
+    points, normals = np.concatenate(points), np.concatenate(normals)
+    return points, normals / np.linalg.norm(normals, axis=2, keepdims=True)
+
+
+def _cuts(shell: _Shell, other: _Shell) -> tuple[np.ndarray, np.ndarray]:
+    """Lines along which another glass cuts triangles: their numbers (N,), and ends (N, 2, 2).
+
+    The ends are shares of the triangle's second and third corner.
+    """
+    found = [np.zeros(0, int)], [np.zeros((0, 2, 2))]
+    near = _near(shell.points, other.points)
+    for begin in range(0, len(near), PAIRS):
+        pairs = near[begin : begin + PAIRS]
+        mine, theirs = shell.points[pairs[:, 0]], other.points[pairs[:, 1]]
+        # Where an edge of either runs through the other: of up to six places two are the ends.
+        places, met = [], []
+        for edges, faces in ((mine, theirs), (theirs, mine)):
+            for corner in range(3):
+                place, on = _through(edges[:, corner], edges[:, (corner + 1) % 3], faces)
+                places.append(place)
+                met.append(on)
+        places, met = np.stack(places, axis=1), np.stack(met, axis=1)
+        apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
+        apart[~(met[:, :, None] & met[:, None])] = -1.0
+        far = apart.reshape(len(pairs), places.shape[1] ** 2)
+        ends = np.stack(np.unravel_index(far.argmax(axis=1), apart.shape[1:]), axis=1)
+        cut = np.flatnonzero(far.max(axis=1, initial=-1.0) > 0.0)
+        chosen = places[cut[:, None], ends[cut]]
+        found[0].append(pairs[cut, 0])
+        found[1].append(_shares(mine[cut], chosen))
+    return np.concatenate(found[0]), np.concatenate(found[1])
+
+
+def _near(mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Pairs (N, 2) of numbers of triangles (T, 3, 3) whose boxes touch."""
+    slack = SNAP * float(max(np.ptp(part, axis=(0, 1)).max() for part in (mine, theirs)))
+    trees = [_boxes(part) for part in (mine, theirs)]
+    levels = [len(boxes) - 1 for _, boxes in trees]
+    pairs = np.zeros((2, 1), int)
+    while True:
+        one, other = (
+            boxes[level][numbers]
+            for (_, boxes), level, numbers in zip(trees, levels, pairs, strict=True)
+        )
+        touch = (one[:, 0] <= other[:, 1] + slack) & (one[:, 1] >= other[:, 0] - slack)
+        pairs = pairs[:, touch.all(axis=1)]
+        if not any(levels):
+            break
+        # On in both where they are of one level, else in the larger tree.
+        deepest = max(levels)
+        for side in range(2):
+            if levels[side] < deepest:
+                continue
+            levels[side] -= 1
+            below = BRANCHES * pairs[side][:, None] + np.arange(BRANCHES)
+            pairs = np.repeat(pairs, BRANCHES, axis=1)
+            pairs[side] = below.ravel()
+            pairs = pairs[:, pairs[side] < len(trees[side][1][levels[side]])]
+    return np.stack([order[numbers] for (order, _), numbers in zip(trees, pairs, strict=True)], 1)
+
+
+def _boxes(points: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """An order (T,) of triangles in which neighbours are near each other, and boxes round them.
+
+    Boxes are (B, 2, 3), of each triangle first, then of `BRANCHES` boxes each, up to one of all.
+    """
+    low, high = points.min(axis=1), points.max(axis=1)
+    middle = 0.5 * (low + high)
+    cell = middle - middle.min(axis=0)
+    cell = (cell * ((CELLS - 1) / max(float(cell.max()), LEAST))).astype(np.int64)
+    # Morton's order: the bits of the three coordinates in turn.
+    code = np.zeros(len(points), np.int64)
+    for bit in range(CELLS.bit_length() - 1):
+        for axis in range(3):
+            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    order = np.argsort(code, kind="stable")
+    boxes = [np.stack((low, high), axis=1)[order]]
+    while len(boxes[-1]) > 1:
+        starts = np.arange(0, len(boxes[-1]), BRANCHES)
+        lower = np.minimum.reduceat(boxes[-1][:, 0], starts)
+        upper = np.maximum.reduceat(boxes[-1][:, 1], starts)
+        boxes.append(np.stack((lower, upper), axis=1))
+    return order, boxes
+
+
+def _through(begin: np.ndarray, end: np.ndarray, faces: np.ndarray) -> tuple:
+    """Where lines (N, 3) to (N, 3) run through triangles (N, 3, 3), and (N,) whether they do.
+
+    A line that ends on a triangle does; one in its plane does not.
+    """
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    before, behind = (np.einsum("nk,nk->n", normal, place - faces[:, 0]) for place in (begin, end))
+    # What rounding may put off the plane is on it.
+    least = SNAP * np.linalg.norm(normal, axis=1) * np.abs(faces - faces[:, :1]).max(axis=(1, 2))
+    before, behind = (np.where(np.abs(off) < least, 0.0, off) for off in (before, behind))
+    crosses = (np.sign(before) * np.sign(behind) <= 0.0) & (before != behind)
+    step = np.where(crosses, before - behind, 1.0)
+    place = begin + (before / step)[:, None] * (end - begin)
+    shares = _shares(faces, place[:, None])[:, 0]
+    inside = (shares > -SNAP).all(axis=1) & (shares.sum(axis=1) < 1.0 + SNAP)
+    return place, crosses & inside
+
+
+def _shares(faces: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(N, K, 2) shares of triangles' (N, 3, 3) second and third corners in places (N, K, 3)."""
+    a, b = faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]
+    place = places - faces[:, :1]
+    aa, ab, bb = (np.einsum("nk,nk->n", u, v)[:, None] for u, v in ((a, a), (a, b), (b, b)))
+    pa, pb = (np.einsum("njk,nk->nj", place, edge) for edge in (a, b))
+    area = aa * bb - ab * ab
+    area = np.where(area > 0.0, area, 1.0)
+    return np.stack(((bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area), axis=2)
+
+
+def _divided(segments: np.ndarray) -> np.ndarray:
+    """Shares (P, 3, 3) of a triangle's corners in the corners of its pieces.
+
+    Parameters
+    ----------
+    segments : (N, 2, 2) the lines that cut it, see `_cuts`.
+    """
+    corners = np.concatenate((((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), segments.reshape(-1, 2)))
+    edges = [(0, 1), (1, 2), (2, 0)]
+    edges += [(k, k + 1) for k in range(3, len(corners), 2)]
+    places, _, faces, *_ = delaunay_2d_cdt(corners.tolist(), edges, [], 0, SNAP)
+    uv = np.array([tuple(place) for place in places])
+    shares = np.column_stack((1.0 - uv.sum(axis=1), uv))
+    return shares[np.array(faces, int)]

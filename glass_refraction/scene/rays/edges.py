@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lookups beside silhouettes in a view, moved to where it shows what they look for.
+
+A pixel at a silhouette mixes the nearer thing with what is behind it. Looked up there, either would
+be seen through the glass with a line of the other along its border.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from .hits import Scene, Shown, Views, Ways
+from .views import RadianceView
+
+STEP = 3.0
+"""Distances in neighbouring pixels may differ by so many times what the surface's slope tells."""
+LEAST_SINE = 0.1
+"""Of the angle between sight and surface by which its slope is reckoned."""
+SKY, UNKNOWN = -1, -2
+"""In place of a surface's number: nothing is met; nobody asked."""
+AROUND = sorted(product((-1, 0, 1), repeat=2), key=lambda step: (np.abs(step).sum(), step))
+"""Steps to a pixel and its neighbours, the nearest first."""
+MARGIN_PX = 2
+"""Pixels kept round what is drawn, so that no neighbour's neighbour lies outside."""
+
+
+def off_edges(scene: Scene, views: Views, ways: Ways, shown: Shown) -> Shown:
+    """The same lookups, beside silhouettes moved to the middle of a pixel that shows their surface.
+
+    A lookup moves by less than two pixels, as far as it must: what surfaces show near their own
+    border stays. It stays where it is if a thing is too thin in a view to fill a pixel's middle.
+    """
+    pixels = shown.pixels.copy()
+    met = ways.triangle >= 0
+    surface = np.full(len(ways), SKY)
+    surface[met] = scene.things.surface[ways.triangle[met]]
+    for number, view in enumerate(views):
+        rows = np.flatnonzero(shown.view == number)
+        if len(rows) and not view.sky_only:
+            pixels[rows] = _moved(scene, view, pixels[rows], surface[rows])
+    return Shown(shown.view, pixels)
+
+
+def _moved(scene: Scene, view: RadianceView, pixels: np.ndarray, surface: np.ndarray) -> np.ndarray:
+    """Places (K, 2) near those given where a view's picture shows the surfaces (K,)."""
+    low, high = np.array(view.region[:2]), np.array(view.region[2:])
+    origin = low - MARGIN_PX
+    cell = np.floor(pixels).astype(np.intp) - origin
+    seen = _Seen.by(scene, view, cell, origin, high - low + 2 * MARGIN_PX)
+    near = np.flatnonzero(seen.at(seen.is_border, cell))
+    found, left = cell.copy(), near
+    for step in AROUND:
+        there = seen.at(seen.surface, cell[left] + step) == surface[left]
+        found[left[there]] += step
+        left = left[~there]
+    near = np.setdiff1d(near, left, assume_unique=True)
+    moved = pixels.copy()
+    moved[near] += found[near] - cell[near]
+    for axis in range(2):
+        middle = found[near, axis] + origin[axis] + 0.5
+        below, above = (seen.at(side, found[near]) for side in seen.borders[axis])
+        place = moved[near, axis]
+        place = np.where(above & ~below, np.minimum(place, middle), place)
+        moved[near, axis] = np.where(below & ~above, np.maximum(place, middle), place)
+    return np.clip(moved, low + 0.5, high - 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What a view's rays through the middles of its pixels meet, by row and column.
+
+    Attributes
+    ----------
+    surface : numbers, `SKY` or `UNKNOWN`.
+    borders : for x and for y, beside which pixels something else is seen nearer or farther: before
+        them (left, below) and after them.
+    is_border : whether that is so on any side.
+    """
+
+    surface: np.ndarray
+    borders: tuple[tuple[np.ndarray, np.ndarray], ...]
+    is_border: np.ndarray
+
+    @staticmethod
+    def by(scene: Scene, view: RadianceView, cells, origin, size) -> _Seen:
+        """What the neighbours of cells (K, 2) show; ``origin`` is the pixel of cell 0, 0."""
+        width, height = size
+        asked = np.zeros((height, width), bool)
+        asked[cells[:, 1], cells[:, 0]] = True
+        for axis in range(2):
+            asked = _spread(asked, axis, MARGIN_PX)
+        row, column = np.nonzero(asked)
+        origins, directions = view.rays(np.stack((column, row), axis=1) + origin + 0.5)
+        distance, triangle = scene.caster.cast(origins, directions)
+        met = triangle >= 0
+        surface, sine = np.full(len(row), SKY), np.ones(len(row))
+        surface[met] = scene.things.surface[triangle[met]]
+        normal = scene.normals[triangle[met]]
+        sine[met] = np.abs(np.einsum("nk,nk->n", directions[met], normal))
+        # Metres a pixel, there.
+        pixel = (1.0 if view.is_parallel else np.where(met, distance, 0.0)) / view.focal_px
+        slope = STEP * pixel / np.maximum(sine, LEAST_SINE)
+        number, far, step = (np.full(asked.shape, none) for none in (UNKNOWN, np.inf, 0.0))
+        number[row, column], far[row, column], step[row, column] = surface, distance, slope
+        borders = tuple(_borders(number, far, step, axis) for axis in (1, 0))
+        return _Seen(number, borders, np.logical_or.reduce([b for pair in borders for b in pair]))
+
+    @staticmethod
+    def at(picture: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """Values (K,) in cells (K, 2)."""
+        return picture[cell[:, 1], cell[:, 0]]
+
+
+def _pairs(axis: int) -> tuple[tuple, tuple]:
+    """Where pixels and their next ones lie along an axis."""
+    before, after = [slice(None)] * 2, [slice(None)] * 2
+    before[axis], after[axis] = slice(None, -1), slice(1, None)
+    return tuple(before), tuple(after)
+
+
+def _spread(mask: np.ndarray, axis: int, reach: int) -> np.ndarray:
+    """A mask and all within so many pixels of it along an axis."""
+    before, after = _pairs(axis)
+    for _ in range(reach):
+        wide = mask.copy()
+        wide[before] |= mask[after]
+        wide[after] |= mask[before]
+        mask = wide
+    return mask
+
+
+def _borders(surface, distance, step, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Before and after which pixels another surface is seen, nearer or farther than theirs."""
+    before, after = _pairs(axis)
+    other = surface[before] != surface[after]
+    other &= (surface[before] != UNKNOWN) & (surface[after] != UNKNOWN)
+    # Of two skies the difference is no number, and no border.
+    with np.errstate(invalid="ignore"):
+        gap = np.abs(distance[before] - distance[after])
+    other &= gap > np.maximum(step[before], step[after])
+    found = np.zeros(surface.shape, bool), np.zeros(surface.shape, bool)
+    found[0][after], found[1][before] = other, other
+    return found

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edges and points by which a view shows that its glasses can be clicked at, drawn as depths.
+
+A glass leaves its edges and corners only while a view shows it refracted. Blender's overlay draws
+them, with their depths, over what the engine drew. Where they lie tells which pixels are to be
+cleared of them.
+"""
+
+from __future__ import annotations
+
+import bpy
+import gpu
+import numpy as np
+
+from ..scene.read.arrays import edges, positions
+from ..scene.read.glasses import glass_modifier, glass_objects
+from ..scene.read.modifier_inputs import has_input, read_input
+from . import glsl
+from .news import News
+
+NOTHING = 2.0
+"""Of a depth buffer, whose values run from 0 to 1: no edge is here."""
+BESIDE = tuple((x, y) for x in (-2, -1, 0, 1, 2) for y in (-2, -1, 0, 1, 2) if abs(x) + abs(y) == 2)
+"""Pixels by which edges are drawn shifted, too: Blender smooths them, and may round their places
+otherwise."""
+HERE = (0, 0)
+DOTS = (4.0, 8.0)
+"""Pixels a side of a point: as many as in Blender, and those beside."""
+HASH = np.array((1, 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F), np.uint64)
+"""Odd numbers whose bits are evenly spread, by which places are told apart."""
+
+_shaders: dict[str, object] = {}
+
+
+class Wires:
+    """The edges and points of a view's glasses on the GPU."""
+
+    def __init__(self) -> None:
+        self._targets: dict[tuple[int, int], tuple] = {}
+        self._batches: dict[int, tuple[tuple, list]] = {}
+        self._poses: dict[int, np.ndarray] = {}
+
+    def read(self, layer: bpy.types.ViewLayer, shown: set[int], news: News) -> None:
+        """Take over those glasses, by session uid, as they are evaluated."""
+        self._poses = {}
+        for glass in glass_objects(layer):
+            if glass.session_uid not in shown:
+                continue
+            modifier = glass_modifier(glass)
+            # Older files' groups have none.
+            profile = read_input(modifier, "Profile") if has_input(modifier, "Profile") else None
+            for obj in (glass, profile) if profile is not None else (glass,):
+                self._read_object(obj, layer.depsgraph, news)
+        for uid in self._batches.keys() - self._poses.keys():
+            del self._batches[uid]
+
+    def _read_object(self, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, news: News):
+        uid = obj.session_uid
+        evaluated = obj.evaluated_get(depsgraph)
+        is_mesh = obj.type == "MESH"
+        mesh = evaluated.data if is_mesh else evaluated.to_mesh()
+        key = (news.shape_of(obj), len(mesh.vertices), len(mesh.edges)) if mesh else ()
+        if uid not in self._batches or self._batches[uid][0] != key:
+            self._batches[uid] = key, _batches(mesh) if mesh else []
+        self._poses[uid] = np.array(evaluated.matrix_world, float)
+        if not is_mesh:
+            evaluated.to_mesh_clear()
+
+    @property
+    def uids(self) -> set[int]:
+        """Session uids of the objects that are drawn: glasses, and curves that are profiles."""
+        return set(self._poses)
+
+    def draw(self, view_to_clip: np.ndarray, size: tuple[int, int]):
+        """Draw the depths of edges and points.
+
+        Parameters
+        ----------
+        view_to_clip : (4, 4) from the world to clip space. size : pixels.
+
+        Returns
+        -------
+        gpu.types.GPUTexture
+            Values as in a depth buffer, `NOTHING` where nothing is; valid until the next call with
+            this size.
+        """
+        width, height = size
+        if size not in self._targets:
+            # A view has one size, and its captures another.
+            while len(self._targets) > 1:
+                self._targets.pop(next(iter(self._targets)))
+            depth = gpu.types.GPUTexture(size, format="R32F")
+            hidden = gpu.types.GPUTexture(size, format="DEPTH_COMPONENT32F")
+            target = gpu.types.GPUFrameBuffer(depth_slot=hidden, color_slots=[depth])
+            self._targets[size] = depth, target
+        texture, target = self._targets[size]
+        shader = _shader()
+        with target.bind():
+            gpu.state.viewport_set(0, 0, width, height)
+            target.clear(color=(NOTHING, 0.0, 0.0, 0.0), depth=1.0)
+            gpu.state.blend_set("NONE")
+            gpu.state.depth_test_set("LESS_EQUAL")
+            gpu.state.depth_mask_set(True)
+            gpu.state.program_point_size_set(True)
+            shader.bind()
+            # What lies only beside an edge comes second: it must not hide another edge.
+            for begin, size in enumerate(DOTS):
+                shader.uniform_float("begin", float(begin))
+                shader.uniform_float("dot_size", size * bpy.context.preferences.system.pixel_size)
+                for uid, pose in self._poses.items():
+                    to_clip = view_to_clip @ pose
+                    for batch, beside in self._batches[uid][1]:
+                        for right, up in beside if begin else (HERE,):
+                            shift = np.eye(4)
+                            shift[:2, 3] = 2.0 * right / width, 2.0 * up / height
+                            # Column by column, as GLSL keeps matrices.
+                            shader.uniform_float("to_clip", (shift @ to_clip).T.ravel().tolist())
+                            batch.draw(shader)
+            gpu.state.program_point_size_set(False)
+            gpu.state.depth_mask_set(False)
+            gpu.state.depth_test_set("NONE")
+        return texture
+
+
+def _batches(mesh: bpy.types.Mesh) -> list[tuple]:
+    """What is drawn of a mesh: batches, and the pixels by which each is drawn shifted."""
+    places, ends = np.ascontiguousarray(positions(mesh), np.float32), edges(mesh)
+    if len(ends):
+        indices = gpu.types.GPUIndexBuf(type="LINES", seq=ends)
+        batch = gpu.types.GPUBatch(type="LINES", buf=_vertices(places), elem=indices)
+        return [(batch, BESIDE)]
+    if not len(places):
+        return []
+    # Blender draws points of meshes without edges only. Most corners lie in one place with others.
+    bits = places.view(np.uint32).astype(np.uint64)
+    _, first = np.unique((bits * HASH).sum(axis=1), return_index=True)
+    return [(gpu.types.GPUBatch(type="POINTS", buf=_vertices(places[first])), (HERE,))]
+
+
+def _vertices(places: np.ndarray):
+    layout = gpu.types.GPUVertFormat()
+    layout.attr_add(id="place", comp_type="F32", len=3, fetch_mode="FLOAT")
+    vertices = gpu.types.GPUVertBuf(layout, len(places))
+    vertices.attr_fill("place", places)
+    return vertices
+
+
+def _shader():
+    if "wires" not in _shaders:
+        info = gpu.types.GPUShaderCreateInfo()
+        info.vertex_in(0, "VEC3", "place")
+        info.push_constant("MAT4", "to_clip")
+        info.push_constant("FLOAT", "dot_size")
+        info.push_constant("FLOAT", "begin")
+        info.fragment_out(0, "VEC4", "frag")
+        info.vertex_source(glsl.WIRES_VERTEX)
+        info.fragment_source(glsl.WIRES)
+        _shaders["wires"] = gpu.shader.create_from_info(info)
+    return _shaders["wires"]
