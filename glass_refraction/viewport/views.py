@@ -164,8 +164,6 @@ def status(space: bpy.types.SpaceView3D) -> list[str]:
         working = view.line()
         if working:
             lines.append(working)
-        elif view.model.glasses and not view.final:
-            lines.append("Becomes sharp when nothing moves")
     return lines
 
 
