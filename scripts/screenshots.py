@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The screenshots of README and guide: its first glass, step by step, and a comparison.
+"""The pictures of README and guide: their first glass, step by step, and its comparison.
 
     blender --factory-startup --python scripts/screenshots.py -- FOLDER
 
@@ -10,6 +10,7 @@ screen: Blender's own screenshots leave menus out. Quits Blender when it is done
 from __future__ import annotations
 
 import math
+import shutil
 import subprocess
 import sys
 import traceback
@@ -18,8 +19,9 @@ from pathlib import Path
 import bpy
 
 FOLDER = Path(sys.argv[-1])
-CAPTURE_SECONDS = 60
-"""For the surroundings of the glass, in a software renderer on a busy machine."""
+PATIENCE = 300
+"""Seconds for the view's final picture, in a software renderer on a busy machine."""
+VIEWS = "bl_ext.user_default.refractive_glass.glass_refraction.viewport.views"
 
 
 def screenshot(name: str) -> None:
@@ -72,7 +74,11 @@ def steps():
     yield 2
     sidebar = next(r for r in area.regions if r.type == "UI")
     sidebar.active_panel_category = "Glass"
-    yield CAPTURE_SECONDS
+    for _ in range(PATIENCE):
+        yield 1
+        if sys.modules[VIEWS].at_rest():
+            break
+    yield 2
     screenshot("first_glass")
     scene.render.engine = "CYCLES"
     scene.cycles.samples, scene.cycles.use_denoising = 32, False
@@ -85,7 +91,7 @@ def steps():
     while comparing():
         yield 1
     yield 3
-    screenshot("compare")
+    shutil.copy(FOLDER / "compare" / "comparison.png", FOLDER / "compare.png")
 
 
 def _run() -> float | None:

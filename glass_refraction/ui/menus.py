@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 
 from .everyday import OBJECT_OT_refractive_glass_everyday_add
+from .icons import icon_of
 from .operators import (
     SHAPES,
     OBJECT_OT_refractive_glass_add,
@@ -34,7 +35,9 @@ class VIEW3D_MT_refractive_glass_add(bpy.types.Menu):
         layout.operator_context = "INVOKE_REGION_WIN"
         everyday = OBJECT_OT_refractive_glass_everyday_add.bl_idname
         for preset in PRESETS:
-            operator = layout.operator(everyday, text=preset.label, icon=preset.icon)
+            number = icon_of(preset)
+            shown = {"icon_value": number} if number else {"icon": preset.icon}
+            operator = layout.operator(everyday, text=preset.label, **shown)
             operator.kind = preset.identifier
         layout.separator()
         layout.menu(VIEW3D_MT_refractive_glass_shapes.bl_idname)

@@ -63,7 +63,8 @@ def _look() -> float | None:
         _show(said)
     if bpy.app.is_job_running("RENDER"):
         return LOOK_SECONDS
-    _show(None)
+    if _shown.line is not None:
+        _show(None)
     return None
 
 

@@ -164,9 +164,6 @@ def status(space: bpy.types.SpaceView3D) -> list[str]:
         working = view.line()
         if working:
             lines.append(working)
-        elif view.model.glasses:
-            how = "at rest" if view.final else "moving"
-            lines.append(f"Last redraw: {view.python_ms:.0f} ms of Python, {how}")
     return lines
 
 

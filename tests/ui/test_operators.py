@@ -12,7 +12,7 @@ from glass_refraction.scene.read.glasses import glass_modifier, read_glass
 from glass_refraction.scene.read.mesh_glasses import open_edges
 from glass_refraction.scene.read.modifier_inputs import read_input, write_input
 from glass_refraction.scene.read.orientation import orientation_of
-from glass_refraction.ui import media
+from glass_refraction.ui import icons, media
 from glass_refraction.ui.everyday import fitting_size
 from glass_refraction.ui.presets import PRESETS
 
@@ -296,3 +296,9 @@ def test_a_glass_in_edit_mode_can_be_read():
     depsgraph = bpy.context.evaluated_depsgraph_get()
     assert np.array_equal(read_glass(bpy.context.object, depsgraph).description.box, before)
     bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_each_glass_has_an_icon_and_no_icon_is_left_over():
+    files = {path.stem.upper() for path in icons.FOLDER.glob("*.png")}
+    assert files == {preset.identifier for preset in PRESETS}
+    assert set(icons._kept["glasses"]) == files
