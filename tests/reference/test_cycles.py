@@ -294,7 +294,7 @@ def test_nothing_is_left_behind(scene, engine):
     picture = render_reference(scene, glasses=[good], samples=1)
     assert picture.shape == (SIZE, SIZE, 4) and picture.dtype == np.float32
     assert everything() == before
-    with pytest.raises(TypeError, match="no mesh for a glass"):
+    with pytest.raises(TypeError, match="no body for a glass"):
         render_reference(scene, glasses=[good, glass("no description")], samples=1)
     assert everything() == before
 
