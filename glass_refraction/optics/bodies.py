@@ -27,9 +27,16 @@ def body(glass: Glass | BoundedGlass) -> BoundedGlass | None:
     BoundedGlass or None
         None for a glass without bounds and for one of the ior of what is around it. What lies
         below a slab of another medium than above has no sides: the slab is a tank's wall.
+
+    Raises
+    ------
+    TypeError
+        ``glass`` is none of these.
     """
     if isinstance(glass, BoundedGlass):
         return glass
+    if not isinstance(glass, Glass):
+        raise TypeError(f"no body for a glass of type {type(glass).__name__}")
     if isinstance(glass, FlatGlass):
         clear = not glass.ior or glass.ior_above in glass.ior
         return None if clear or glass.outline is None else Prism(glass)

@@ -130,11 +130,11 @@ def rendering_reference(
     closed, meshes = _objects(glasses)
     rough = any(mesh.description.roughness > 0.0 for mesh in meshes.values())
     style = _Style(surface, glass_shadows, rough)
-    together = overlapping(glasses)
-    joint = [glass for glass in glasses if glass.name in together]
-    alone = [glass for glass in glasses if glass.name not in together]
-    shown = {obj: glass for obj, glass in meshes.items() if glass.name not in together}
     with _reference_scene(scene) as reference, ExitStack() as temporary:
+        together = overlapping(glasses)
+        joint = [glass for glass in glasses if glass.name in together]
+        alone = [glass for glass in glasses if glass.name not in together]
+        shown = {obj: glass for obj, glass in meshes.items() if glass.name not in together}
         for obj in (*closed, *(obj for obj in meshes if obj not in shown)):
             _set(temporary, obj, "hide_render", True)
         _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)

@@ -309,6 +309,11 @@ def test_nothing_is_left_behind(scene, engine, monkeypatch):
     assert everything() == before
 
 
+def test_a_glass_of_no_known_type_is_named(scene):
+    with pytest.raises(TypeError, match="no body for a glass"):
+        render_reference(scene, glasses=[glass("no description")], samples=1)
+
+
 def test_what_the_extension_made_is_not_in_the_reference(scene):
     bare = render_reference(scene, glasses=[])
     made = bpy.data.collections.new("Copies")

@@ -10,6 +10,7 @@ from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
 from glass_refraction.scene.memory import counters
 from glass_refraction.scene.names import MODIFIER, RefractiveGlassError, load_group
+from glass_refraction.scene.rays import exits
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
 from glass_refraction.scene.read.mesh_glasses import open_edges
 from glass_refraction.scene.read.modifier_inputs import read_input, write_input
@@ -66,7 +67,9 @@ def _differences(a, b):
     return np.abs(a[..., :3] - b[..., :3]).max(axis=2)
 
 
-def test_a_finely_tessellated_cylinder_is_the_closed_form(tmp_path):
+def test_a_finely_tessellated_cylinder_is_the_closed_form(tmp_path, monkeypatch):
+    # Both of as many rays a pixel.
+    monkeypatch.setattr(exits, "FINER_OF_MESHES", exits.FINER)
     scenes.camera()
     scenes.striped_wall()
     scene = scenes.settings(**SIZE)
