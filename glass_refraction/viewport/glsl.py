@@ -985,6 +985,8 @@ VIEWS = (
 #define THIN 0.03
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
+/* Two pixels of a capture, whose faces are two wide at a distance of one, times its side. */
+#define COARSE 4.0
 #define UNKNOWN -1e18
 /* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1: no edge is farther off. */
 #define LIMB_MOST 2.42
@@ -1054,14 +1056,15 @@ float smooth_gap(int slot, vec3 p)
   return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
 }
 
-/* Whether a capture sees that there is nothing at a place. */
-bool is_open(int slot, vec3 p)
+/* Whether a capture sees a place: nothing stands before it, or what stands there. */
+bool is_seen(int slot, vec3 p)
 {
   if (slot < 0) {
     return false;
   }
   vec3 q = p - view.captures[slot].xyz;
-  return smooth_gap(slot, q) < THIN + THICK_PART * length(q);
+  float thick = THIN + max(THICK_PART, COARSE / view.captures[slot].w) * length(q);
+  return smooth_gap(slot, q) < thick;
 }
 
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
@@ -1330,8 +1333,8 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float 
      * image. */
     float over = z + shown - 2.0 * limb - SLACK;
     if (behind && limb > UNKNOWN && over < 0.0) {
-      met = !is_open(slot, o + t * d);
-      /* What was seen from within the glass leaves no doubt: the thing is not as thick. */
+      met = !is_seen(slot, o + t * d);
+      /* What is seen from within the glass is not guessed: the capture tells. */
       limb = met ? limb : UNKNOWN;
     }
     if (met) {
