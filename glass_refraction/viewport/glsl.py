@@ -985,8 +985,6 @@ VIEWS = (
 #define THIN 0.03
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
-/* Two pixels of a capture, whose faces are two wide at a distance of one, times its side. */
-#define COARSE 4.0
 #define UNKNOWN -1e18
 /* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1: no edge is farther off. */
 #define LIMB_MOST 2.42
@@ -1063,8 +1061,7 @@ bool is_seen(int slot, vec3 p)
     return false;
   }
   vec3 q = p - view.captures[slot].xyz;
-  float thick = THIN + max(THICK_PART, COARSE / view.captures[slot].w) * length(q);
-  return smooth_gap(slot, q) < thick;
+  return smooth_gap(slot, q) < THIN + THICK_PART * length(q);
 }
 
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
@@ -1914,6 +1911,8 @@ FACE = (
     WIRE_AT
     + """
 #define MOST_WIRES 16
+/* By what part a line may come nearer over the few pixels by which edges are drawn wider. */
+#define STEEP 0.1
 
 ivec2 beside_wires(ivec2 pixel)
 {
@@ -1925,7 +1924,7 @@ ivec2 beside_wires(ivec2 pixel)
       float wire = texelFetch(wire_tx, other, 0).r;
       float depth = depth_of(texelFetch(depth_tx, other, 0).r);
       /* Lines are smoothed over pixels that show what lies behind them. */
-      if (wire > 1.0 || depth < depth_of(wire) - WIRE_BEFORE * max(depth, 1.0)) {
+      if (wire > 1.0 || depth < (1.0 - STEEP) * depth_of(wire)) {
         return other;
       }
     }
