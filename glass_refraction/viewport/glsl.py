@@ -1056,8 +1056,8 @@ float smooth_gap(int slot, vec3 p)
   return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
 }
 
-/* Whether a capture sees that there is nothing at a place. */
-bool is_open(int slot, vec3 p)
+/* Whether a capture sees a place: nothing stands before it, or what stands there. */
+bool is_seen(int slot, vec3 p)
 {
   if (slot < 0) {
     return false;
@@ -1332,8 +1332,8 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float 
      * image. */
     float over = z + shown - 2.0 * limb - SLACK;
     if (behind && limb > UNKNOWN && over < 0.0) {
-      met = !is_open(slot, o + t * d);
-      /* What was seen from within the glass leaves no doubt: the thing is not as thick. */
+      met = !is_seen(slot, o + t * d);
+      /* What is seen from within the glass is not guessed: the capture tells. */
       limb = met ? limb : UNKNOWN;
     }
     if (met) {
@@ -1913,6 +1913,8 @@ FACE = (
     WIRE_AT
     + """
 #define MOST_WIRES 16
+/* By what part a line may come nearer over the few pixels by which edges are drawn wider. */
+#define STEEP 0.1
 
 ivec2 beside_wires(ivec2 pixel)
 {
@@ -1924,7 +1926,7 @@ ivec2 beside_wires(ivec2 pixel)
       float wire = texelFetch(wire_tx, other, 0).r;
       float depth = depth_of(texelFetch(depth_tx, other, 0).r);
       /* Lines are smoothed over pixels that show what lies behind them. */
-      if (wire > 1.0 || depth < depth_of(wire) - WIRE_BEFORE * max(depth, 1.0)) {
+      if (wire > 1.0 || depth < (1.0 - STEEP) * depth_of(wire)) {
         return other;
       }
     }

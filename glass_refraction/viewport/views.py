@@ -297,7 +297,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if model.key != key:
         if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
             view.problems = model.problems + _unmarked(layer, True)
-        painter.direct.wires.read(layer, model.shown, told)
+            painter.direct.wires.read(layer, model.shown, told)
         if displaces:
             view.displaced.arrange(layer, space, model.glasses)
         model.key = key

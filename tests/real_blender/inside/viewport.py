@@ -145,7 +145,7 @@ def frames_like_f12():
 
 
 def capture_depths():
-    """Part of the directions in which a capture's distance is not a ray cast's, within 3 %."""
+    """Part of directions in which a capture is not as far as a ray cast tells, within 3 %."""
     capture = sys.modules[f"{NAME}.viewport.capture"]
     (view,) = [v for v in module()._views.values() if v.captures]
     captures, frame = view.captures, view.model.frame
