@@ -94,7 +94,7 @@ def prepare(
     view_layer = rendered_layer(scene)
     problems: list[str] = []
     placed = glass_objects(view_layer, ever=True)
-    instanced = instanced_glasses(scene, depsgraph)
+    instanced = instanced_glasses(scene)
     for host, glass in merged_glasses(scene, depsgraph):
         problems.append(
             f'Geometry Nodes of "{host.name}" merge glass "{glass.name}" into its mesh, where it '

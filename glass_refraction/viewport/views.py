@@ -29,6 +29,7 @@ from .jobs import is_compiling, is_rendering
 from .model import Model
 
 if TYPE_CHECKING:
+    from .contexts import Home
     from .displaced import Displaced
 
 MOVING, FIRST, MORE = range(3)
@@ -65,6 +66,8 @@ MOST_GROWTH = 4.0
 LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
+MOST_AWAY = 20
+"""Timers in a row that may find the context of another window."""
 SETTLED = 2
 """Redraws in a row without a material being compiled, after which an engine shows no stand-ins.
 What was compiled is taken up between redraws: the first one may still have shown some."""
@@ -82,6 +85,10 @@ class _View:
 
     def __init__(self) -> None:
         self.model = Model()
+        self.home: Home | None = None
+        """The context in which timers work for it."""
+        self.away = 0
+        """Timers in a row that found another."""
         self.painter = None
         self.captures = None
         self.displaced: Displaced | None = None
@@ -552,10 +559,33 @@ def _rest() -> float | None:
     return wait
 
 
+def _is_at_home(view: _View, region) -> bool:
+    """Whether the context is at hand in which timers began to work for a view.
+
+    If not, another window was drawn last: once the view's own is, its context is at hand again.
+    Blender 5.2 crashes where an engine goes on in another.
+    """
+    from . import contexts
+
+    view.home = view.home or contexts.Home()
+    if view.home.is_current():
+        view.away = 0
+        return True
+    view.away += 1
+    if view.away > MOST_AWAY:
+        # It was the context of a window that is closed. All begins anew.
+        _views.pop(region.as_pointer())
+    return False
+
+
 def _work(view: _View, window, space, region) -> None:
     """A face of a capture, or samples for as long as a slice lasts."""
     scene, painter, captures = window.scene, view.painter, view.captures
     if view.waits:
+        return
+    if not _is_at_home(view, region):
+        region.tag_redraw()
+        view.waits = True
         return
     if view.displaced is not None and view.displaced.things.has_work:
         view.displaced.things.work(window.view_layer, SLICE_SECONDS)

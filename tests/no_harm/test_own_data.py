@@ -22,7 +22,7 @@ from glass_refraction.scene.read.glasses import (
     instanced_glasses,
     merged_glasses,
 )
-from glass_refraction.scene.read.modifier_inputs import read_input
+from glass_refraction.scene.read.modifier_inputs import read_input, write_input
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
 import scenes
@@ -473,4 +473,34 @@ def test_instances_are_not_listed_where_nodes_take_no_glass(scene):
             raise AssertionError("listed")
 
     assert merged_glasses(scene, Stale()) == []
-    assert instanced_glasses(scene, Stale()) == []
+
+
+def test_instanced_glasses_are_found_without_the_dependency_graph(scene):
+    """By collections in one another, particles, and what nodes or their modifier name."""
+    glasses = []
+    for name in ("In Empty", "In Particles", "In Node", "In Modifier", "In None"):
+        scenes.glass(shape="CYLINDER")
+        obj = bpy.context.object
+        obj.name = name
+        scene.collection.objects.unlink(obj)
+        obj.use_fake_user = True
+        glasses.append(obj)
+    inner, outer = (bpy.data.collections.new(name) for name in ("Inner", "Outer"))
+    inner.objects.link(glasses[0])
+    empty, further = (bpy.data.objects.new(name, None) for name in ("Empty", "Further"))
+    further.instance_collection = inner
+    outer.objects.link(further)
+    empty.instance_collection = outer
+    scene.collection.objects.link(empty)
+    host = bpy.data.objects.new("Host", bpy.data.meshes.new("Host"))
+    scene.collection.objects.link(host)
+    host.modifiers.new("Particles", "PARTICLE_SYSTEM")
+    host.particle_systems[0].settings.instance_object = glasses[1]
+    tree = bpy.data.node_groups.new("Tree", "GeometryNodeTree")
+    info = tree.nodes.new("GeometryNodeObjectInfo")
+    info.inputs["Object"].default_value = glasses[2]
+    tree.interface.new_socket("Shown", socket_type="NodeSocketObject")
+    modifier = host.modifiers.new("Nodes", "NODES")
+    modifier.node_group = tree
+    write_input(modifier, "Shown", glasses[3])
+    assert set(instanced_glasses(scene)) == set(glasses[:4])

@@ -26,6 +26,14 @@ def test_f12_renders(found):
     assert (found["folder"] / "window_picture.png").is_file()
 
 
+def test_the_view_comes_to_rest_beside_the_renders_window(found):
+    """Its captures are drawn in the context of its own window: in the other's Blender crashed."""
+    assert found["windows_after_render"] == 2
+    assert found["failures"] == [""]
+    assert found["faces_beside_render"] >= 6
+    assert found["rest_beside_render"]
+
+
 def test_undo_takes_the_glass_away_and_redo_brings_it_back(found):
     assert "Refractive Glass" not in found["objects_after_undo"]
     assert "Refractive Glass" in found["objects_after_redo"]

@@ -204,10 +204,15 @@ def glass_objects(view_layer: bpy.types.ViewLayer, *, ever: bool = False) -> lis
     return found
 
 
-def instanced_glasses(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
-) -> list[bpy.types.Object]:
-    """Glass objects that stand in no collection of the scene and that instances show."""
+_NAMING_SOCKETS = ("NodeSocketObject", "NodeSocketCollection")
+
+
+def instanced_glasses(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Glass objects that stand in no collection of the scene and that its objects may instance.
+
+    They are found by what empties, particles and nodes name. The dependency graph would tell what
+    is shown; but to list its instances crashes Blender where objects were deleted since.
+    """
     here = set(scene.objects)
     others = [
         obj
@@ -216,13 +221,45 @@ def instanced_glasses(
     ]
     if not others:
         return []
-    # By their names: what was deleted since the evaluation has no original any more.
-    shown = {i.object.name for i in depsgraph.object_instances if i.is_instance}
-    for empty in scene.objects:
-        # One that only renders show.
-        if empty.instance_collection is not None:
-            shown.update(obj.name for obj in empty.instance_collection.all_objects)
-    return [obj for obj in others if obj.name in shown and not obj.hide_render]
+    named: set[bpy.types.Object] = set()
+    left = list(here)
+    while left:
+        new = set(_named_objects(left.pop())) - named
+        named |= new
+        left += new
+    return [obj for obj in others if obj in named and not obj.hide_render]
+
+
+def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
+    """The objects that an object may show instances of."""
+    named = [host.instance_collection]
+    for particles in host.particle_systems:
+        named += [particles.settings.instance_object, particles.settings.instance_collection]
+    for modifier in host.modifiers:
+        if modifier.type == "NODES" and modifier.node_group and not own(modifier.node_group):
+            named += _named_in_tree(modifier.node_group, {modifier.node_group})
+            for item in modifier.node_group.interface.items_tree:
+                socket = getattr(item, "socket_type", "")
+                if socket in _NAMING_SOCKETS and has_input(modifier, item.name):
+                    named.append(read_input(modifier, item.name))
+    found = []
+    for block in named:
+        if isinstance(block, bpy.types.Collection):
+            found += block.all_objects
+        elif isinstance(block, bpy.types.Object):
+            found.append(block)
+    return found
+
+
+def _named_in_tree(tree: bpy.types.NodeTree, known: set[bpy.types.NodeTree]) -> list:
+    """The values of all inputs of a tree's nodes, and of the groups in it."""
+    named = [getattr(i, "default_value", None) for node in tree.nodes for i in node.inputs]
+    for node in tree.nodes:
+        group = node.node_tree if node.type == "GROUP" else None
+        if group is not None and group not in known:
+            known.add(group)
+            named += _named_in_tree(group, known)
+    return named
 
 
 def merged_glasses(

@@ -16,6 +16,7 @@ import bpy
 FOLDER = Path(sys.argv[-1])
 MODULE = "bl_ext.user_default.refractive_glass"
 RENDER_SECONDS = 240
+REST_SECONDS = 60
 
 result = {}
 
@@ -94,6 +95,19 @@ def steps():
     result["render"] = ended
     result["problems_after_rendering"] = problems(scene)
     screenshot("window_rendered")
+    # The render's own window was drawn last: its GPU context is no good for the 3D view's captures.
+    views = sys.modules[f"{MODULE}.glass_refraction.viewport.views"]
+    faces = views.counters["faces"]
+    result["windows_after_render"] = len(bpy.context.window_manager.windows)
+    bpy.data.objects["Cube"].location.x += 0.1
+    yield 1
+    for _ in range(REST_SECONDS):
+        yield 1
+        if views.at_rest():
+            break
+    result["rest_beside_render"] = views.at_rest()
+    result["faces_beside_render"] = views.counters["faces"] - faces
+    result["failures"] = [view.failure for view in views._views.values()]
     bpy.data.images["Render Result"].save_render(str(FOLDER / "window_picture.png"))
     for window in list(bpy.context.window_manager.windows)[1:]:
         with bpy.context.temp_override(window=window):

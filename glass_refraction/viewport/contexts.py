@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whose GPU context is current: each of Blender's windows has one, and views are drawn in another.
+
+Textures are shared between them, frame buffers are not. A timer finds the context of the window
+that was drawn last, and that is another one once a render has opened its own window.
+"""
+
+from __future__ import annotations
+
+import gpu
+
+
+class Home:
+    """The context that is current when this is made, to be told from others.
+
+    An off-screen has a frame buffer for each context that it is bound in: which one tells where.
+    """
+
+    def __init__(self) -> None:
+        self._offscreen = gpu.types.GPUOffScreen(1, 1)
+        with self._offscreen.bind():
+            self._framebuffer = gpu.state.active_framebuffer_get()
+
+    def is_current(self) -> bool:
+        """Whether this context is current, so that its frame buffers may be used."""
+        with self._offscreen.bind():
+            return self._framebuffer.is_bound
