@@ -13,15 +13,17 @@ import gpu
 class Home:
     """The context that is current when this is made, to be told from others.
 
-    An off-screen has a frame buffer for each context that it is bound in: which one tells where.
+    Between redraws a window's own frame buffer is bound. Nothing else is bound to find out: what
+    is made in the context of a window that is closed later would be freed twice.
     """
 
     def __init__(self) -> None:
-        self._offscreen = gpu.types.GPUOffScreen(1, 1)
-        with self._offscreen.bind():
-            self._framebuffer = gpu.state.active_framebuffer_get()
+        self._framebuffer = gpu.state.active_framebuffer_get()
 
     def is_current(self) -> bool:
         """Whether this context is current, so that its frame buffers may be used."""
-        with self._offscreen.bind():
+        try:
             return self._framebuffer.is_bound
+        except ReferenceError:
+            # Its window is closed.
+            return False
