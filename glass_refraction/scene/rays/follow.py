@@ -32,6 +32,9 @@ BEHIND = 1e-5
 FINE = 5.0
 """Where a pixel has many rays, ways must carry so much more of a ray's light: it is a part of the
 pixel's."""
+TOGETHER = 100_000
+"""Rays that are followed together. While they are, each takes a kilobyte and more; fewer would cost
+time, for each step is a batch of casts."""
 MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
@@ -140,6 +143,19 @@ class Follower:
         return np.array(origins), np.array(directions)
 
     def _traced(
+        self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
+    ) -> tuple[Ways, np.ndarray]:
+        """The ways of rays through places of each pixel, a block of pixels after the other."""
+        step = max(1, TOGETHER // len(places))
+        parts, lost = [], []
+        for first in range(0, max(1, len(pixels)), step):
+            block = pixels[first : first + step]
+            ways, left = self._traced_together(block, places, least, things=things)
+            parts.append(replace(ways, ray=ways.ray + first * len(places)))
+            lost.append(left)
+        return Ways.joined(parts), np.concatenate(lost)
+
+    def _traced_together(
         self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
     ) -> tuple[Ways, np.ndarray]:
         origins, directions = self._rays(pixels, places)

@@ -109,6 +109,8 @@ def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
     mesh.materials.append(_black())
     for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
         setattr(curtain, f"visible_{kind}", False)
+    # Until a frame's values are written: a new scene's thousands of samples are nobody's.
+    view.view_layers[0].use = False
     synchronise(view.view_layers[0])
 
 
