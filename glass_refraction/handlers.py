@@ -21,7 +21,7 @@ from .scene import changes, material_link
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, user_scene_of
 from .scene.names import TAG, RefractiveGlassError, own
-from .scene.progress import tell
+from .scene.progress import Stopped, begin, tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
 from .scene.vertices import motion_blur
@@ -42,6 +42,7 @@ LEFT_OUT = (
     "A single view layer was rendered, without the cameras that show the rest of what is seen in "
     "the glass: render all of them (F12)"
 )
+STOPPED = "Esc was pressed before what is seen in the glass was computed: render again"
 
 
 def request_update(scene: bpy.types.Scene | None, seconds: float = REST_SECONDS) -> None:
@@ -166,6 +167,9 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         return
     try:
         door.update(scene.original, depsgraph)
+    except Stopped:
+        # Blender knows of Esc as well and ends the render.
+        door.status(scene).problems = [STOPPED]
     except RefractiveGlassError as error:
         door.status(scene).problems = [str(error)]
 
@@ -177,6 +181,7 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
         _own_rendered = False
     _rendering = True
     if not own(scene):
+        begin()
         door.memory_of(scene).last = []
     if threading.current_thread() is not threading.main_thread() or own(scene):
         return

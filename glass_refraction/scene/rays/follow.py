@@ -15,6 +15,7 @@ import numpy as np
 
 from ... import optics
 from ..memory import counters
+from ..progress import check
 from ..read.viewpoint import Viewpoint
 from .caster import Caster
 from .hits import Ways
@@ -157,7 +158,9 @@ class Follower:
                 fresnel=self.fresnel,
                 pixel=np.repeat(pixels, len(places)),
                 sample=np.tile(np.arange(len(places)), len(pixels)),
+                between=check,
             )
+            check()
             share = float(np.mean(colour))
             met = np.flatnonzero(ends.events > 0)
             weight = ends.weight[met]
@@ -282,6 +285,7 @@ def unsettled(
     ----------
     ways, lost : of ``count`` rays in each pixel (N,). settled : sorted `way_codes`, or None.
     """
+    check()
     if settled is None or not len(settled):
         return ways, lost
     codes = way_codes(pixels[ways.ray // count], ways.path)

@@ -165,13 +165,12 @@ def path_regions(
     return Regions(rect, paths, weights, inside, hit, shares)
 
 
-def coarse_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
+def coarse_weights(glass: Glass, view: Viewpoint, paths, fresnel: bool) -> np.ndarray:
     """Weights (P, M) of paths along rays spread over the glass's pixels."""
     x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
     finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
     size = tuple(max(1, round(n * finer)) for n in view.size)
     coarse = replace(view, size=size, window=(0, 0, *size))
-    fresnel = scene.refractive_glass.surface == "GLASS"
     found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
     weights = found.weights[:, found.hit]
     return weights if weights.shape[1] else np.zeros((len(paths), 1))
