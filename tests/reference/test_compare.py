@@ -115,8 +115,8 @@ def test_a_comparison_that_is_stopped_leaves_the_scene_as_it_was(scene, tmp_path
     bpy.ops.scene.refractive_glass_update()
     before = state()
     renders = 0
-    # At each render in turn, and once at its end.
-    for stop in range(5):
+    # At each render in turn, at the listing of paths, and once at its end.
+    for stop in range(6):
         steps = comparing(scene, tmp_path, samples=1)
         value = None
         for number in range(stop + 1):
@@ -131,7 +131,7 @@ def test_a_comparison_that_is_stopped_leaves_the_scene_as_it_was(scene, tmp_path
         steps.close()
         assert state() == before, stop
         assert not list(tmp_path.iterdir()), stop
-    assert renders == 10
+    assert renders == 11
 
 
 def test_a_render_without_a_picture_ends_the_comparison(scene, tmp_path):

@@ -18,6 +18,7 @@ OPERATORS = (
     bpy.ops.scene.refractive_glass_compare,
     bpy.ops.scene.refractive_glass_bake,
     bpy.ops.scene.refractive_glass_bake_free,
+    bpy.ops.scene.refractive_glass_starter,
     bpy.ops.preferences.refractive_glass_asset_library_add,
     bpy.ops.preferences.refractive_glass_asset_library_remove,
 )
