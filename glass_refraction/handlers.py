@@ -20,7 +20,7 @@ from bpy.app.handlers import persistent
 from .scene import changes, material_link
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, user_scene_of
-from .scene.names import TAG, RefractiveGlassError, own
+from .scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from .scene.progress import Stopped, begin, tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
@@ -84,7 +84,8 @@ def _serve() -> float | None:
 
     Nothing is solved here: a render does that for its own frame, and until one starts nobody looks.
     """
-    if _rendering:
+    # A comparison hides the glasses meanwhile: nothing may be taken away for that.
+    if _rendering or any(own(scene, REFERENCE) for scene in bpy.data.scenes):
         return REST_SECONDS
     leave_own_scenes()
     for scene in bpy.data.scenes:

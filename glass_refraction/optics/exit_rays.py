@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from .axial import nearest
 from .facets import ENDLESS, bent, facet_shares, fold, visible_facets
 from .laws import reflectance_and_cosine
-from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, PlacedMesh, surface_depths
+from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, surface_depths
 from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import Floats, Rays
@@ -188,7 +188,7 @@ class _Followed:
 
     def __post_init__(self) -> None:
         self.media = Media(self.glasses)
-        self.meshes = [n for n, glass in enumerate(self.glasses) if isinstance(glass, PlacedMesh)]
+        self.meshes = [n for n, glass in enumerate(self.glasses) if glass.is_mesh]
         self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
         self.rough = bool(self.alpha.any())
         self.tints = surface_depths(self.glasses)
@@ -285,7 +285,7 @@ class _Followed:
             self.between()
             found: list[_Meeting | _Faces] = [sheet.within(block) for sheet in sheets]
             for number, glass in enumerate(self.glasses):
-                if isinstance(glass, PlacedGlass):
+                if not glass.is_mesh:
                     found += _meetings(number, glass, live, block, met)
             way = met.way[block]
             for meeting in found:

@@ -15,7 +15,6 @@ import numpy as np
 from ..scene.build.own_scenes import find_own_scenes
 from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import read_glasses
-from ..scene.read.mesh_glasses import MeshGlass
 from ..scene.read.viewpoint import border_window, read_viewpoint, samples_setting
 from ..scene.update import Status, effective_shading, memory_of, status
 from ..scene.vertices.kept_paths import bright_paths
@@ -32,7 +31,6 @@ def compare(
     folder: Path | str,
     *,
     samples: int | None = None,
-    surface: str | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> dict:
     """Render the current frame as F12 would and with real glass in Cycles, and write a report.
@@ -41,7 +39,6 @@ def compare(
     ----------
     folder : for ``report.json``, ``report.md`` and the pictures; made if need be.
     samples : per pixel, of both pictures; by default the scene's own number.
-    surface : "GLASS" or "REFRACTION", of the real glass; by default the scene's setting.
     progress : called with the part done, from 0 to 1, and what comes next, in words.
 
     Returns
@@ -57,7 +54,7 @@ def compare(
     OSError
         The folder cannot be written.
     """
-    steps = comparing(scene, folder, samples=samples, surface=surface, progress=progress)
+    steps = comparing(scene, folder, samples=samples, progress=progress)
     return finished(steps)
 
 
@@ -66,7 +63,6 @@ def comparing(
     folder: Path | str,
     *,
     samples: int | None = None,
-    surface: str | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Generator[Request, object, dict]:
     """:func:`compare` in steps, for who lets Blender's window go on meanwhile.
@@ -74,7 +70,7 @@ def comparing(
     Closed before its end it leaves the scene as it was.
     """
     report_progress = progress or (lambda share, label: None)
-    surface = surface or scene.refractive_glass.surface
+    surface = scene.refractive_glass.surface
     check_comparable(scene)
     Path(folder).mkdir(parents=True, exist_ok=True)
 
@@ -189,7 +185,7 @@ def _path_names(scene: bpy.types.Scene, found: Status) -> Callable[[], list[str]
         return lambda: list(found.paths)
     depsgraph = scene_depsgraph(scene)
     view = read_viewpoint(scene, depsgraph)
-    glasses = [g for g in read_glasses(depsgraph, []) if not isinstance(g.description, MeshGlass)]
+    glasses = [g for g in read_glasses(depsgraph, []) if not g.is_mesh]
     settings = scene.refractive_glass
     least, fresnel = settings.min_weight, settings.surface == "GLASS"
 

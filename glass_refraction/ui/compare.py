@@ -103,13 +103,13 @@ difference"""
             context.scene, self._folder(), samples=self.samples or None, progress=progress
         )
         value = None
+        yield told
         with closing(steps), ThreadPoolExecutor(max_workers=1) as threads, _no_window():
             while True:
                 try:
                     request = steps.send(value)
                 except StopIteration as end:
                     return end.value
-                yield told
                 if isinstance(request, bpy.types.Scene):
                     how = "INVOKE_DEFAULT" if self._is_modal else "EXEC_DEFAULT"
                     bpy.ops.render.render(how, write_still=True, scene=request.name)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The everyday glasses as assets, in a file that is written when they are asked for.
 
-Run as a script by a Blender of its own, so that nothing of the user's file is touched:
-``blender --background --factory-startup --python everyday_assets.py -- FILE.blend``
+A Blender of its own writes it, so that nothing of the user's file is touched.
 """
 
 from __future__ import annotations
@@ -13,18 +12,28 @@ from pathlib import Path
 
 import bpy
 
+from .icons import FOLDER
+from .presets import PRESETS
+
 PREVIEW_PIXELS = 128
 """Side of a preview; the icons that it is made from are smaller."""
 _PACKAGE_FOLDER = Path(__file__).resolve().parents[2]
+_SCRIPT = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {!r})
+from glass_refraction.ui.everyday_assets import write
+write(Path({!r}))
+"""
 
 
 def writing(path: Path) -> subprocess.Popen:
     """Start to write the assets to a file; the process ends with status 0 when they are there."""
     # Without a binary, Blender is a module of Python.
     blender = [bpy.app.binary_path, "--background", "--factory-startup", "--python-exit-code", "1"]
-    program = [*blender, "--python"] if bpy.app.binary_path else [sys.executable]
+    program = [*blender, "--python-expr"] if bpy.app.binary_path else [sys.executable, "-c"]
     return subprocess.Popen(
-        [*program, __file__, "--", str(path)],
+        [*program, _SCRIPT.format(str(_PACKAGE_FOLDER), str(path))],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -34,9 +43,14 @@ def writing(path: Path) -> subprocess.Popen:
 
 
 def write(path: Path) -> None:
-    """Add every everyday glass to the present scene, mark it as an asset and write the file."""
-    from glass_refraction.ui.presets import PRESETS
+    """Make every everyday glass in an empty file, mark it as an asset and write the file.
 
+    The extension is imported as a package then, and not registered yet.
+    """
+    from ..registration import register
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    register()
     for preset in PRESETS:
         before = set(bpy.data.objects)
         bpy.ops.object.refractive_glass_everyday_add(kind=preset.identifier)
@@ -60,20 +74,9 @@ def write(path: Path) -> None:
 
 def _show(asset: bpy.types.ID, identifier: str) -> None:
     """Make the icon of the Add menu the asset's preview."""
-    from glass_refraction.ui.icons import FOLDER
-
     image = bpy.data.images.load(str(FOLDER / f"{identifier.lower()}.png"))
     image.scale(PREVIEW_PIXELS, PREVIEW_PIXELS)
     preview = asset.preview_ensure()
     preview.image_size = image.size
     preview.image_pixels_float = image.pixels[:]
     bpy.data.images.remove(image)
-
-
-if __name__ == "__main__":
-    sys.path.insert(0, str(_PACKAGE_FOLDER))
-    import glass_refraction
-
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    glass_refraction.register()
-    write(Path(sys.argv[-1]))

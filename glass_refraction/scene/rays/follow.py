@@ -96,7 +96,7 @@ class Follower:
         self._apart = not inside.all(axis=1).any()
         placed = [glass for _, glasses in self.bands for glass in glasses]
         self.rough = any(glass.roughness for glass in placed)
-        self.only_meshes = all(isinstance(glass, optics.PlacedMesh) for glass in placed)
+        self.only_meshes = all(glass.is_mesh for glass in placed)
 
     @property
     def fine_weight(self) -> float:

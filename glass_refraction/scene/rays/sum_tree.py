@@ -18,13 +18,13 @@ SPLINE_REACH = 6
 """Pixels on either side in the kernel that undoes a spline's blur: 5e-4 is left beyond."""
 
 
-def spline_inverse(half: int = SPLINE_REACH) -> np.ndarray:
-    """What undoes, at the pixels' centres, the blur of a cubic B-spline: (2 half + 1,), separable.
+def spline_inverse() -> np.ndarray:
+    """What undoes, at the pixels' centres, the blur of a cubic B-spline, along either axis.
 
     Looked up by a B-spline, a picture that this was applied to is interpolated: at its pixels'
     centres it has its own values (Unser, "Splines", 1999).
     """
-    apart = np.abs(np.arange(-half, half + 1))
+    apart = np.abs(np.arange(-SPLINE_REACH, SPLINE_REACH + 1))
     spline = np.where(apart == 0, 2 / 3, np.where(apart == 1, 1 / 6, 0.0))
     # Even, so its spectrum is real; and above zero.
     spectrum = np.fft.fft(np.fft.ifftshift(spline)).real
