@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The first glass of README and guide: what its five steps add to Blender's first scene."""
+"""The first glass of README and guide: what its steps add to Blender's first scene."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ import bpy
 
 
 def build(**size: float) -> bpy.types.Object:
-    """Delete the cube; add the glass of water, the table and the straw. Returns the glass.
+    """Add the glass of water, the table and the straw. Returns the glass.
 
     ``size`` : of the glass, metres, where no window tells what fits.
     """
-    bpy.data.objects.remove(bpy.data.objects["Cube"])
     bpy.ops.object.refractive_glass_everyday_add("INVOKE_DEFAULT", kind="GLASS_OF_WATER", **size)
     glass = bpy.context.object
     bpy.ops.mesh.primitive_plane_add(size=10)

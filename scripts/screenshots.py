@@ -53,6 +53,7 @@ def steps():
     yield 2
     subprocess.run(["xdotool", "mousemove", "300", "450", "key", "Escape"], check=True)
     yield 1
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.wm.call_menu(name="VIEW3D_MT_refractive_glass_add")
     yield 1

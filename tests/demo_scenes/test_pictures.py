@@ -68,6 +68,7 @@ def test_demo_scenes_look_as_the_documents_show_them(name, frame):
 
 def test_the_first_glass_looks_as_the_guide_shows_it():
     bpy.ops.wm.read_factory_settings()
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
     build(size=2.0)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
