@@ -56,7 +56,8 @@ def steps():
     bpy.data.objects.remove(bpy.data.objects["Cube"])
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.wm.call_menu(name="VIEW3D_MT_refractive_glass_add")
-    yield 1
+    # Blender reads the icons in the background.
+    yield 8
     screenshot("add_menu")
     subprocess.run(["xdotool", "key", "Escape"], check=True)
     yield 1
