@@ -21,7 +21,7 @@ from .scene import changes, material_link
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, user_scene_of
 from .scene.names import REFERENCE, TAG, RefractiveGlassError, own
-from .scene.progress import Stopped, begin, tell
+from .scene.progress import Stopped, go_on, tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
 from .scene.vertices import motion_blur
@@ -182,7 +182,7 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
         _own_rendered = False
     _rendering = True
     if not own(scene):
-        begin()
+        go_on()
         door.memory_of(scene).last = []
     if threading.current_thread() is not threading.main_thread() or own(scene):
         return
@@ -214,6 +214,7 @@ def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     tell(None)
     if own(scene):
         return
+    go_on()
     if threading.current_thread() is threading.main_thread():
         door.free_leftovers()
     else:

@@ -15,8 +15,8 @@ class Stopped(Exception):
     """Esc was pressed: nobody waits for what is computed."""
 
 
-def begin() -> None:
-    """A render begins: an Esc that was pressed before does not count."""
+def go_on() -> None:
+    """A render begins or has ended: an Esc that was pressed before does not count any more."""
     global _stopping
     _stopping = False
 

@@ -73,10 +73,14 @@ def test_esc_stops_the_next_cast_and_the_next_picture_is_the_same(scene, monkeyp
     assert door.memory_of(scene).last == []
 
 
-def test_esc_of_an_earlier_render_does_not_count(scene):
+def test_esc_counts_for_its_own_render_only(scene):
     progress.ask_to_stop()
     bpy.ops.render.render()
     assert door.memory_of(scene).last == []
+    progress.ask_to_stop()
+    for function in bpy.app.handlers.render_cancel:
+        function(scene)
+    progress.check()
 
 
 def test_the_line_counts_seconds_once_there_is_one():
