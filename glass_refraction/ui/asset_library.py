@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from .stepwise import Steps, Stepwise
 
 NAME, EVERYDAY = "Refractive Glass", "Everyday Glasses"
 _FILE = "everyday.blend"
+PAUSE_SECONDS = 0.02
+"""Between two looks at whether the file is written."""
 _PACKAGE = __package__.removesuffix(".glass_refraction.ui").removesuffix(".ui")
 
 
@@ -68,10 +71,14 @@ this is taken back or the extension is disabled"""
 
     def _steps(self, context: bpy.types.Context) -> Steps:
         folder = everyday_folder()
-        yield Step(0.0, "the everyday glasses")
         work = writing(folder / _FILE)
-        while work.poll() is None:
-            yield None
+        try:
+            while work.poll() is None:
+                yield Step(0.0, "the everyday glasses")
+                time.sleep(PAUSE_SECONDS)
+        finally:
+            # Nobody waits for it any more where this was cancelled.
+            work.kill()
         if work.returncode:
             raise RefractiveGlassError(f"The everyday glasses could not be written to {folder}")
         filepaths = context.preferences.filepaths
