@@ -451,6 +451,8 @@ class _Followed:
             # A surface that only refracts is black where it would reflect totally, as in Cycles.
             dark = _Live.join([dark, off])
         dark.depth = np.full_like(dark.depth, np.inf)
+        # What was looked for lies behind the interface: they do not come so far.
+        dark.thing = np.full(len(dark), -1, dtype=np.int32)
         return seen, dark, through, dropped
 
     def _sunk(self, turned: Floats, flat: Floats, straight) -> NDArray[np.bool_]:

@@ -607,7 +607,7 @@ def _work(view: _View, window, space, region) -> None:
             view.waits, view.changed = True, time.perf_counter()
             return
         if space.shading.type != "SOLID" and view.settled < SETTLED:
-            # Blender 5.2 crashes where an engine's picture goes on from one with stand-ins.
+            # What an engine shows yet may be stand-ins, which are no picture to keep.
             region.tag_redraw()
             view.waits = True
             return

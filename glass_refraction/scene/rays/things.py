@@ -53,6 +53,13 @@ class Things(Triangles):
     looks: tuple[Look, ...]
     owners: tuple[str, ...]
 
+    def surfaces(self, triangle: np.ndarray) -> np.ndarray:
+        """(K,) numbers of the looks of triangles (K,); −1 for −1, where none is met."""
+        found = np.full(len(triangle), -1)
+        met = np.flatnonzero(triangle >= 0)
+        found[met] = self.surface[triangle[met]]
+        return found
+
     def box(self) -> np.ndarray:
         """(2, 3): the lowest and the highest coordinates; of nothing, an empty box."""
         if not len(self.points):

@@ -214,13 +214,12 @@ def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
     named = [host.instance_collection]
     for particles in host.particle_systems:
         named += [particles.settings.instance_object, particles.settings.instance_collection]
-    for modifier in host.modifiers:
-        if modifier.type == "NODES" and modifier.node_group and not own(modifier.node_group):
-            named += _named_in_tree(modifier.node_group, {modifier.node_group})
-            for item in modifier.node_group.interface.items_tree:
-                socket = getattr(item, "socket_type", "")
-                if socket in _NAMING_SOCKETS and has_input(modifier, item.name):
-                    named.append(read_input(modifier, item.name))
+    for modifier in _users_nodes(host):
+        named += _named_in_tree(modifier.node_group)
+        for item in modifier.node_group.interface.items_tree:
+            socket = getattr(item, "socket_type", "")
+            if socket in _NAMING_SOCKETS and has_input(modifier, item.name):
+                named.append(read_input(modifier, item.name))
     found = []
     for block in named:
         if isinstance(block, bpy.types.Collection):
@@ -230,14 +229,18 @@ def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
     return found
 
 
-def _named_in_tree(tree: bpy.types.NodeTree, known: set[bpy.types.NodeTree]) -> list:
+def _users_nodes(host: bpy.types.Object) -> list[bpy.types.NodesModifier]:
+    """The object's Geometry Nodes that are not the extension's."""
+    nodes = [m for m in host.modifiers if m.type == "NODES" and m.node_group is not None]
+    return [modifier for modifier in nodes if not own(modifier.node_group)]
+
+
+def _named_in_tree(tree: bpy.types.NodeTree) -> list:
     """The values of all inputs of a tree's nodes, and of the groups in it."""
     named = [getattr(i, "default_value", None) for node in tree.nodes for i in node.inputs]
     for node in tree.nodes:
-        group = node.node_tree if node.type == "GROUP" else None
-        if group is not None and group not in known:
-            known.add(group)
-            named += _named_in_tree(group, known)
+        if node.type == "GROUP" and node.node_tree is not None:
+            named += _named_in_tree(node.node_tree)
     return named
 
 
@@ -250,12 +253,8 @@ def merged_glasses(
     """
     taken = []
     for host in scene.objects:
-        trees = [
-            (modifier.node_group, modifier)
-            for modifier in host.modifiers
-            if modifier.type == "NODES" and modifier.node_group and not own(modifier.node_group)
-        ]
-        for glass in dict.fromkeys(g for tree in trees for g in _taken_objects(*tree)):
+        objects = [g for m in _users_nodes(host) for g in _taken_objects(m.node_group, m)]
+        for glass in dict.fromkeys(objects):
             is_glass = glass.type == "MESH" and glass_modifier(glass) is not None
             if is_glass:
                 taken.append((host, glass))
