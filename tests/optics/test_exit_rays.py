@@ -728,3 +728,12 @@ def test_bad_input_is_named():
     other = optics.PlacedGlass(optics.body(optics.SphereGlass((1.0,), (1.5,), 1.2)), np.eye(4))
     with pytest.raises(ValueError, match="the same surroundings"):
         optics.exit_rays([optics.PlacedGlass(body, np.eye(4)), other], (0, 0, 1), [(0, 0, 1)])
+
+
+def test_what_is_raised_between_steps_ends_the_call():
+    def pressed():
+        raise KeyboardInterrupt
+
+    glass = optics.PlacedGlass(optics.SphereGlass((0.05,), (1.5,)), np.eye(4))
+    with pytest.raises(KeyboardInterrupt):
+        optics.exit_rays([glass], (0.0, 0.0, 1.0), [[0.0, 0.0, -1.0]], between=pressed)

@@ -16,7 +16,7 @@ import bpy
 
 from ..bake.files import BAKE
 from ..memory import counters
-from ..names import TAG, hidden_name, load_group, own
+from ..names import REFERENCE, TAG, hidden_name, load_group, own
 from ..read.glasses import glass_modifier
 from ..read.modifier_inputs import has_input, read_input, write_input
 from ..read.sources import is_carried
@@ -74,7 +74,7 @@ def user_scene_of(own_scene: bpy.types.Scene) -> bpy.types.Scene | None:
     for scene in users:
         if _plays_back(scene, own_scene):
             return scene
-    return next((s for s in users if (s.name, s.library) == (own_scene[_SCENE], None)), None)
+    return next((s for s in users if (s.name, s.library) == (own_scene.get(_SCENE), None)), None)
 
 
 def _plays_back(scene: bpy.types.Scene, own_scene: bpy.types.Scene) -> bool:
@@ -98,6 +98,8 @@ def remove_leftovers() -> None:
     user. Not while a render goes on: Blender 5.2 crashes where one finds a node group freed.
     """
     for candidate in [s for s in bpy.data.scenes if own(s) and not s.library]:
+        if own(candidate, REFERENCE):
+            continue
         owner = user_scene_of(candidate)
         if owner is None or not (_has_glass(owner) or _plays_back(owner, candidate)):
             _remove_scene(candidate)

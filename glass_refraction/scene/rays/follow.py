@@ -15,6 +15,7 @@ import numpy as np
 
 from ... import optics
 from ..memory import counters
+from ..progress import check
 from ..read.viewpoint import Viewpoint
 from .caster import Caster
 from .hits import Ways
@@ -98,7 +99,7 @@ class Follower:
         self._apart = not inside.all(axis=1).any()
         placed = [glass for _, glasses in self.bands for glass in glasses]
         self.rough = any(glass.roughness for glass in placed)
-        self.only_meshes = all(isinstance(glass, optics.PlacedMesh) for glass in placed)
+        self.only_meshes = all(glass.is_mesh for glass in placed)
 
     @property
     def fine_weight(self) -> float:
@@ -173,7 +174,9 @@ class Follower:
                 fresnel=self.fresnel,
                 pixel=np.repeat(pixels, len(places)),
                 sample=np.tile(np.arange(len(places)), len(pixels)),
+                between=check,
             )
+            check()
             share = float(np.mean(colour))
             met = np.flatnonzero(ends.events > 0)
             weight = ends.weight[met]
@@ -298,6 +301,7 @@ def unsettled(
     ----------
     ways, lost : of ``count`` rays in each pixel (N,). settled : sorted `way_codes`, or None.
     """
+    check()
     if settled is None or not len(settled):
         return ways, lost
     codes = way_codes(pixels[ways.ray // count], ways.path)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..read.glasses import Glass
-from ..read.mesh_glasses import MeshGlass
 from .caster import Caster
 from .things import Triangles
 
@@ -59,7 +58,7 @@ class GlassMeshes:
     def __init__(
         self, casters: Sequence[Caster], glasses: Sequence[Glass], centre: np.ndarray, scale: float
     ) -> None:
-        numbers = [n for n, glass in enumerate(glasses) if isinstance(glass.description, MeshGlass)]
+        numbers = [n for n, glass in enumerate(glasses) if glass.is_mesh]
         grouped = _apart([glasses[n].description.box for n in numbers], len(casters))
         self._groups = []
         for caster, members in zip(casters, grouped, strict=True):

@@ -22,6 +22,7 @@ from ..build.own_scenes import (
 )
 from ..memory import Status, counters, memory_of
 from ..names import TAG, hidden_name, own
+from ..progress import check
 from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
 from ..read.modifier_inputs import read_input
@@ -165,6 +166,8 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     views = find_own_scenes(scene, (CAPTURE, SKY))
     read = _read(scene, depsgraph, view, problems)
     result = compute(read, _casters(scene), ROOM, _kept(scene))
+    # From here on all is written: a picture of two frames' halves would be none.
+    check()
     _write(scene, views, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),

@@ -106,18 +106,9 @@ class Glass:
             return optics.dispersed_ior(medium, abbe, wavelength)
 
         glass, contents = self.abbe
-        if isinstance(description, MeshGlass):
-            seen = replace(description, ior=ior(description.ior, glass))
-        elif isinstance(description, optics.FlatGlass):
-            layers = tuple(ior(medium, glass) for medium in description.ior)
-            seen = replace(description, ior=layers, ior_below=ior(description.ior_below, contents))
-        elif isinstance(description, AxialGlass):
-            media = ior(description.ior, glass), ior(description.liquid_ior, contents)
-            seen = replace(description, ior=media[0], liquid_ior=media[1])
-        else:
-            first, *others = description.ior
-            media = (ior(first, glass), *(ior(medium, contents) for medium in others))
-            seen = replace(description, ior=media)
+        seen = description.recoloured(
+            lambda medium: ior(medium, glass), lambda medium: ior(medium, contents)
+        )
         return replace(self, description=seen, band=band)
 
     def from_world(self) -> np.ndarray:
@@ -135,24 +126,12 @@ class Glass:
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """(N,) which world points lie within the outer surface; what only touches it does not."""
-        local, description = self.to_local(points), self.description
-        if isinstance(description, optics.FlatGlass):
-            z, thickness = local[:, 2], sum(description.thickness)
-            low, high = np.min(description.outline, axis=0), np.max(description.outline, axis=0)
-            within = np.all((local[:, :2] > low) & (local[:, :2] < high), axis=1)
-            skin = _TOUCHING * thickness
-            return within & (z < -skin) & (z > skin - thickness)
-        if isinstance(description, AxialGlass):
-            radius, low, high = (part * description.scale for part in description.hull)
-            skin = _TOUCHING * (high - low)
-            inside = np.hypot(local[:, 0], local[:, 1]) < radius * (1 - _TOUCHING)
-            return inside & (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
-        inside = description.distance_from_axis(local) < description.radius[0] * (1 - _TOUCHING)
-        if isinstance(description, optics.CylinderGlass):
-            low, high = description.extent
-            skin = _TOUCHING * (high - low)
-            inside &= (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
-        return inside
+        return self.description.encloses(self.to_local(points), _TOUCHING)
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether it is a mesh, and no closed form with light paths."""
+        return isinstance(self.description, MeshGlass)
 
     @property
     def is_tinted(self) -> bool:
@@ -166,7 +145,7 @@ class Glass:
         ----------
         eye : (3,) or (M, 3); directions : (M, 3); both in the glass's frame.
         """
-        lengths, media = optics.path_lengths(unbounded(self.description), eye, directions, path)
+        lengths, media = optics.path_lengths(self.description.unbounded, eye, directions, path)
         depth = np.einsum("smc,sm->mc", np.asarray(self.absorption)[media], lengths)
         return np.exp(-depth)
 
@@ -517,11 +496,9 @@ def _absorption(modifier, description, scale: float) -> tuple[tuple[float, float
         depth = -np.log(np.clip(colour, _DARKEST, 1.0)) / max(distance, _SHORTEST)
         found.append(tuple(float(a) for a in depth + 0.0))
     glass, contents = found
-    if isinstance(description, MeshGlass):
-        return (clear, glass)
-    if isinstance(description, optics.FlatGlass):
+    if not description.has_contents:
         # The length behind a slab is not the glass's: it ends wherever something is.
-        return (clear, glass, clear)
+        contents = clear
     return (clear, glass, contents)[: len(description.media)]
 
 
@@ -615,21 +592,10 @@ def _profile_points(spline) -> np.ndarray:
 
 def as_body(glass: Glass) -> Glass | None:
     """The glass with all the faces that bound it; None if that is nothing that rays can meet."""
-    if isinstance(glass.description, MeshGlass):
+    if glass.is_mesh:
         return glass
     body = optics.body(glass.description)
     return None if body is None else replace(glass, description=body)
-
-
-def unbounded(description):
-    """The glass without its outline or extent."""
-    if isinstance(description, optics.FlatGlass):
-        return optics.FlatGlass(
-            description.thickness, description.ior, description.ior_above, description.ior_below
-        )
-    if isinstance(description, optics.CylinderGlass):
-        return optics.CylinderGlass(description.radius, description.ior, description.ior_outside)
-    return description
 
 
 def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:
