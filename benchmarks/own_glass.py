@@ -17,10 +17,6 @@ def show_own_glass(scene: bpy.types.Scene) -> None:
     """Switch the extension off and put meshes in its glasses' places. The scene stays so."""
     glasses = read_glasses(scene_depsgraph(scene))
     scene.refractive_glass.enabled = False
-    # On the screen at full resolution: that is the method.
-    scene.eevee.use_raytracing = True
-    scene.eevee.ray_tracing_method = "SCREEN"
-    scene.eevee.ray_tracing_options.resolution_scale = "1"
     for glass in glasses:
         if glass.name in scene.objects:
             scene.objects[glass.name].hide_render = True
