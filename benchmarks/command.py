@@ -90,7 +90,7 @@ def _run(options: argparse.Namespace) -> None:
         plots.check()
     if importlib.util.find_spec("bpy") is not None:
         _register()
-    if not options.scenes and runner.SCENE_PARTS.intersection(parts):
+    if not (options.scenes or options.quick) and runner.SCENE_PARTS.intersection(parts):
         options.output.mkdir(parents=True, exist_ok=True)
         _build_unlit(scenes)
     report = runner.run(

@@ -66,7 +66,7 @@ def run(settings: Settings) -> dict:
     lit = [path for path in settings.scenes if not path.stem.endswith("_unlit")]
     for path in lit if settings.size == "full" else lit[:1]:
         scene = open_scene(path, small)
-        scenes.append({"name": path.stem, **_moves(scene)})
+        scenes.append({"scene": path.stem, **_moves(scene)})
     sizes = []
     for size in settings.pick(((32, 24),), SIZES[:1], SIZES):
         sizes.append({"size": list(size), **solved(open_scene(first, size), fresh=True)})
@@ -303,7 +303,7 @@ def describe(found: dict) -> list[str]:
                 "",
             ]
     lines += ["Without rendering, by scene:", ""]
-    lines += _table("scene", "name", found["scenes"])
+    lines += _table("scene", "scene", found["scenes"])
     lines += ["By the picture's size:", "", "![](frames_sizes.png)", ""]
     lines += table(
         ("size", "megapixels", "pixels on glass", "rays", *STAGES, "all", "µs a pixel on glass"),

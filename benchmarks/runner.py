@@ -23,7 +23,7 @@ PARTS = ("pictures", "frames", "solver", "stability", "rays", "left_out", "live"
 
 BLENDER_PARTS = frozenset(PARTS) - {"solver", "stability", "live"}
 """Parts that need Blender as a module; the others run on NumPy alone, or start a Blender."""
-SCENE_PARTS = frozenset({"pictures", "left_out"})
+SCENE_PARTS = frozenset({"pictures", "frames", "left_out"})
 """Parts that render the scenes of the settings."""
 
 FORMAT = 3
