@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Times, ratios of times, and the machine that they hold for."""
+"""Times, and the machine that they hold for."""
 
 from __future__ import annotations
 
@@ -52,12 +52,6 @@ def spread(samples: list[float]) -> dict[str, float]:
         "high": max(samples),
         "samples": list(samples),
     }
-
-
-def ratio(one: Mapping, other: Mapping) -> dict[str, float]:
-    """Quotients of two candidates' times, turn by turn."""
-    pairs = zip(one["samples"], other["samples"], strict=True)
-    return spread([a / b for a, b in pairs])
 
 
 def machine() -> dict[str, str | int]:
