@@ -5,14 +5,20 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from . import plots, runner
 from .settings import Settings
 
-SCENES = ("eraser", "panes", "pencil", "fishbowl", "verge", "aquarium")
+SCENES = ("eraser", "eraser_unlit", "panes", "pencil", "fishbowl", "verge", "still_life")
 """Demo scenes that are rendered; the first one with every setting."""
+DEMO = Path(__file__).resolve().parents[1] / "demo_scenes"
+UNLIT = "_unlit"
+"""Ends the names of scenes without light."""
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -46,10 +52,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="less of everything, two minutes")
     parser.add_argument(
         "--only",
-        nargs="+",
-        default=(),
+        nargs="*",
         metavar="PART",
-        help=f"of {', '.join(runner.PARTS)}; the folder keeps the others",
+        help=f"of {', '.join(runner.PARTS)}, or none; the folder keeps the others",
     )
     parser.add_argument(
         "--scenes",
@@ -60,27 +65,35 @@ def _parser() -> argparse.ArgumentParser:
         help="for the parts that render, the first one with all settings; default: demo scenes",
     )
     parser.add_argument("--seed", type=int, default=0, help="of all random numbers")
+    parser.add_argument(
+        "--docs", action="store_true", help="write docs/benchmark.md and its pictures as well"
+    )
     parser.add_argument("--no-plots", action="store_true", help="tables only")
     return parser
 
 
 def _run(options: argparse.Namespace) -> None:
-    demo = Path(__file__).resolve().parents[1] / "demo_scenes"
-    scenes = tuple(options.scenes) or tuple(demo / f"{name}.blend" for name in SCENES)
-    for path in scenes:
+    for path in options.scenes:
         if not path.is_file() or path.suffix.lower() != ".blend":
             raise ValueError(f"{path}: no such .blend file")
     if options.output == Path() or (options.output.exists() and not options.output.is_dir()):
         raise ValueError(f"{options.output}: give a folder of its own for what is written")
     if options.seed < 0:
         raise ValueError(f"--seed {options.seed}: must not be negative")
-    settings = Settings("quick" if options.quick else "full", options.seed, scenes)
+    if options.docs and options.no_plots:
+        raise ValueError("--docs needs plots: leave out --no-plots")
+    scenes = tuple(options.scenes) or tuple(_demo_scene(name, options.output) for name in SCENES)
+    size = "quick" if options.quick else "full"
+    settings = Settings(size, options.seed, scenes, options.output)
     parts = runner.chosen(options.only, settings)
     if not options.no_plots:
         plots.check()
     if importlib.util.find_spec("bpy") is not None:
         _register()
-    runner.run(
+    if not (options.scenes or options.quick) and runner.SCENE_PARTS.intersection(parts):
+        options.output.mkdir(parents=True, exist_ok=True)
+        _build_unlit(scenes)
+    report = runner.run(
         settings,
         options.output,
         only=parts,
@@ -88,6 +101,23 @@ def _run(options: argparse.Namespace) -> None:
         progress=lambda line: print(f"benchmark: {line}", file=sys.stderr, flush=True),
     )
     print(f"{options.output}: report.md, report.json")
+    if options.docs:
+        runner.write_docs(report, options.output, DOCS)
+        print(f"{DOCS}: benchmark.md, pictures/benchmark")
+
+
+def _demo_scene(name: str, folder: Path) -> Path:
+    """Where a demo scene lies, or will: one without light is built for the run."""
+    return (folder if name.endswith(UNLIT) else DEMO) / f"{name}.blend"
+
+
+def _build_unlit(scenes: Sequence[Path]) -> None:
+    """Make the demo scenes without light, each by its own script."""
+    for path in scenes:
+        if path.stem.endswith(UNLIT):
+            script = DEMO / f"{path.stem.removesuffix(UNLIT)}.py"
+            command = [sys.executable, str(script), "--unlit", "-o", str(path.resolve())]
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
 def _register() -> None:

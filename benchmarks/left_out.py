@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from unittest import mock
 
 import bpy
 import numpy as np
@@ -14,6 +15,8 @@ from glass_refraction import optics
 from glass_refraction.reference.cycles import scene_depsgraph
 from glass_refraction.reference.metrics import psnr, to_srgb
 from glass_refraction.scene import update as door
+from glass_refraction.scene.rays import frame
+from glass_refraction.scene.rays.exits import Endings, ending
 from glass_refraction.scene.read.glasses import read_glasses
 from glass_refraction.scene.read.sources import pieces, source_objects, world_positions
 from glass_refraction.scene.read.viewpoint import read_viewpoint
@@ -33,13 +36,13 @@ LISTED = 1e-3
 
 def run(settings: Settings) -> dict:
     """All figures of this part. The loaded file is replaced by each scene's."""
-    paths = settings.scenes if settings.size == "full" else settings.scenes[:1]
-    return {"scenes": [_scene(settings, path) for path in paths]}
+    lit = [path for path in settings.scenes if not path.stem.endswith("_unlit")]
+    return {"scenes": [_scene(settings, path) for path in lit[: settings.pick(1, 1, 4)]]}
 
 
 def _scene(settings: Settings, path: Path) -> dict:
     scene = open_scene(path, settings.pick((32, 24), (120, 90), (240, 180)))
-    scene.cycles.samples = settings.pick(1, 2, 8)
+    scene.cycles.samples = settings.pick(1, 4, 16)
     scene.refractive_glass.surface = "GLASS"
     rays = _true(settings, scene)
     scene.refractive_glass.shading = "DISPLACED"
@@ -76,12 +79,15 @@ def _true(settings: Settings, scene: bpy.types.Scene) -> list[dict]:
     """True shading with more and with less than the default: what was followed and rendered."""
     scene.refractive_glass.shading = "TRUE"
     rows, pictures = [], []
-    for name, values in _rays(settings):
-        with _settings(scene, values):
+    for name, values, changes in _rays(settings):
+        with _settings(scene, values), ExitStack() as changed:
+            for attribute, function in changes.items():
+                changed.enter_context(mock.patch.object(frame, attribute, function))
             door.forget()
             picture, taken = timed(lambda: composite(scene))
         found = computed(scene)
         pictures.append(to_srgb(picture))
+        captures = [view for view in found.views if view.name != "direct"]
         rows.append(
             {
                 "name": name,
@@ -89,7 +95,9 @@ def _true(settings: Settings, scene: bpy.types.Scene) -> list[dict]:
                 "pixels": int(door.memory_of(scene).covered.sum()),
                 "rays": found.rays,
                 "ways": found.ways,
-                "views": [{"name": v.name, "samples": v.samples} for v in found.views],
+                "captures": len(captures),
+                "samples": sum(view.samples for view in captures),
+                "samples_of_all": len(captures) * scene.cycles.samples,
                 "unseen": found.unseen,
                 "psnr_inside_db": _finite(
                     psnr(pictures[-1], pictures[0], door.memory_of(scene).covered)
@@ -99,14 +107,38 @@ def _true(settings: Settings, scene: bpy.types.Scene) -> list[dict]:
     return rows
 
 
-def _rays(settings: Settings) -> Iterator[tuple[str, dict]]:
-    """The fullest first: the others are held against it."""
+def _many_rays(rays, beside, *others) -> Endings:
+    """`ending`, as though all ways ended in each pixel of glass."""
+    found = ending(rays, beside, *others)
+    found.pixel[beside.pixel] = 1.0
+    return Endings(found.pixel, np.ones_like(found.way))
+
+
+def _one_ray(*arguments) -> Endings:
+    """`ending`, as though no way ended anywhere."""
+    found = ending(*arguments)
+    return Endings(np.zeros_like(found.pixel), np.zeros_like(found.way))
+
+
+def _all_samples(*_) -> float:
+    """`_worth` of views that need as many samples as the direct picture."""
+    return 1.0
+
+
+def _rays(settings: Settings) -> Iterator[tuple[str, dict, dict]]:
+    """Names, settings, and what of `frame` is changed. The fullest first: it judges the others."""
     weight = settings.pick(5e-3, 2e-3, 2e-3)
-    yield f"ways of {100 * weight:g} % and more", {"min_weight": weight}
-    yield "default", {}
-    yield "ways of 5 % and more", {"min_weight": 0.05}
+    fine = {"min_weight": weight}
+    many, every = {"ending": _many_rays}, {"_worth": _all_samples}
+    yield "all that follows", fine, many | every
+    yield "default", {}, {}
+    yield "many rays in every pixel", {}, many
+    yield "one ray a pixel", {}, {"ending": _one_ray}
+    yield "all samples in captures", {}, every
+    yield f"ways of {100 * weight:g} % and more", fine, {}
+    yield "ways of 5 % and more", {"min_weight": 0.05}, {}
     for captures in (2, 1, 0):
-        yield f"captures: {captures}", {"captures": captures}
+        yield f"captures: {captures}", {"captures": captures}, {}
 
 
 def _fuller(settings: Settings) -> Iterator[tuple[str, dict]]:
@@ -198,14 +230,14 @@ def _counts(scene: bpy.types.Scene) -> dict:
 def describe(found: dict) -> list[str]:
     """Lines of Markdown."""
     lines = [
-        "Surface *Glass*, default settings. *True shading*: rays that were followed, the ways that "
-        "they split into, and the views that show what is hit, with their samples a pixel; "
-        "*unseen*: part of the light whose hits no view shows; *PSNR*: inside the glass, against "
-        "the row that keeps most, same seed. *Displaced shading*: a copy is one source along one "
-        "path of one glass, solved vertex by vertex; sources that do not appear in the path's "
-        "region get none. The light of a path is its mean weight over the pixels of the glass. "
-        "*PSNR*: the picture with default settings against one that keeps more, same seed, over "
-        "the picture and inside the glass; it is what leaving out costs.",
+        "Surface *Glass*. *True shading*: rays that were followed, the ways that they split into, "
+        "captures, and their samples in parts of those that they would have with as many as the "
+        "direct picture; *unseen*: part of the light whose hits no view shows; *PSNR*: inside the "
+        "glass, against the row that keeps most, same seed: what leaving out costs. Many rays are "
+        "12 a pixel. *Displaced shading*: a copy is one source along one path of one glass, solved "
+        "vertex by vertex; sources that do not appear in the path's region get none. The light of "
+        "a path is its mean weight over the pixels of the glass. *PSNR*: default settings against "
+        "one that keeps more, same seed, over the picture and inside the glass.",
         "",
     ]
     for scene in found["scenes"]:
@@ -223,7 +255,8 @@ def describe(found: dict) -> list[str]:
                 "True shading",
                 "rays a pixel of glass",
                 "ways a ray",
-                "views: samples",
+                "captures",
+                "their samples, %",
                 "unseen, %",
                 "CPU, s",
                 "PSNR inside, dB",
@@ -233,7 +266,8 @@ def describe(found: dict) -> list[str]:
                     row["name"],
                     row["rays"] / max(1, row["pixels"]),
                     row["ways"] / max(1, row["rays"]),
-                    ", ".join(f"{view['name']}: {view['samples']}" for view in row["views"]),
+                    row["captures"],
+                    100.0 * row["samples"] / max(1, row["samples_of_all"]),
                     100.0 * row["unseen"],
                     row["cpu_seconds"],
                     "-" if row is rays[0] else _decibel(row["psnr_inside_db"]),
@@ -241,6 +275,7 @@ def describe(found: dict) -> list[str]:
                 for row in rays
             ],
         )
+        lines += [_saved(rays), ""]
         lines += [
             f"Displaced shading: {scene['sources']} sources of "
             f"{number(scene['source_vertices'])} vertices; {kept['copies']} copies where every "
@@ -291,6 +326,20 @@ def describe(found: dict) -> list[str]:
             rows,
         )
     return lines
+
+
+def _saved(rays: list[dict]) -> str:
+    """What adaptivity saves and costs, in a sentence."""
+    row = {row["name"]: row for row in rays}
+    default, full = row["default"], rays[0]
+    decibels = [_decibel(r["psnr_inside_db"]) for r in (default, row["many rays in every pixel"])]
+    return (
+        f"Default settings follow {100.0 * default['rays'] / full['rays']:.0f} % of the rays and "
+        f"{100.0 * default['ways'] / full['ways']:.0f} % of the ways of the row that keeps most, "
+        f"and take {100.0 * default['samples'] / max(1, default['samples_of_all']):.0f} % of the "
+        f"captures' samples, in {100.0 * default['cpu_seconds'] / full['cpu_seconds']:.0f} % of "
+        f"its CPU time; {decibels[0]} dB remain to it, {decibels[1]} with many rays everywhere."
+    )
 
 
 def _decibel(value: float | None) -> str:

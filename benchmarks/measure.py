@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Times, ratios of times, memory, and the machine that they hold for."""
+"""Times, and the machine that they hold for."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 import platform
 import sys
 import time
-import tracemalloc
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -45,13 +44,6 @@ def seconds(function: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def cpu_seconds(function: Callable[[], object]) -> float:
-    """Time that all threads of this process spend on one call."""
-    started = time.process_time()
-    function()
-    return time.process_time() - started
-
-
 def spread(samples: list[float]) -> dict[str, float]:
     """Median, least and greatest of some samples, and all of them."""
     return {
@@ -60,27 +52,6 @@ def spread(samples: list[float]) -> dict[str, float]:
         "high": max(samples),
         "samples": list(samples),
     }
-
-
-def ratio(one: Mapping, other: Mapping) -> dict[str, float]:
-    """Quotients of two candidates' times, turn by turn."""
-    pairs = zip(one["samples"], other["samples"], strict=True)
-    return spread([a / b for a, b in pairs])
-
-
-def peak_bytes(function: Callable[[], object]) -> int:
-    """Most memory that Python and NumPy hold beyond what they held before, during one call.
-
-    What the call returns is among it.
-    """
-    tracemalloc.start()
-    try:
-        kept = function()
-        _, peak = tracemalloc.get_traced_memory()
-        del kept
-    finally:
-        tracemalloc.stop()
-    return peak
 
 
 def machine() -> dict[str, str | int]:

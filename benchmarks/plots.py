@@ -7,9 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
-"""Told apart by colour-blind readers too (Okabe and Ito; the last one added)."""
-MARKERS = "osD^vP*X"
+COLOURS = (
+    *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"),
+    *("#8C6D31", "#999999"),
+)
+"""Told apart by colour-blind readers too (Okabe and Ito; the last two added)."""
+MARKERS = "osD^vP*Xh"
 FAINT = "#666666"
 
 

@@ -7,6 +7,8 @@ import importlib
 import importlib.util
 import json
 import math
+import re
+import shutil
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -16,15 +18,15 @@ from .measure import machine
 from .plots import draw
 from .settings import Settings
 
-PARTS = ("solver", "rays", "tessellation", "pictures", "scaling", "stability", "left_out")
+PARTS = ("pictures", "frames", "solver", "stability", "rays", "left_out", "live")
 """In the report's order; each the name of a module."""
 
-BLENDER_PARTS = frozenset(PARTS) - {"solver", "rays", "stability"}
-"""Parts that need Blender; the others run on NumPy alone."""
-SCENE_PARTS = frozenset({"pictures", "left_out"})
+BLENDER_PARTS = frozenset(PARTS) - {"solver", "stability", "live"}
+"""Parts that need Blender as a module; the others run on NumPy alone, or start a Blender."""
+SCENE_PARTS = frozenset({"pictures", "frames", "left_out"})
 """Parts that render the scenes of the settings."""
 
-FORMAT = 2
+FORMAT = 3
 """Of ``report.json``, to be raised with every change of what a part tells: a report of another
 format is not added to."""
 
@@ -33,7 +35,7 @@ def run(
     settings: Settings,
     folder: Path,
     *,
-    only: Iterable[str] = (),
+    only: Iterable[str] | None = None,
     with_charts: bool = True,
     progress: Callable[[str], None] = print,
 ) -> dict:
@@ -43,7 +45,7 @@ def run(
     ----------
     folder : made if need be. Parts that are not run now are kept in its ``report.json``, and so
         are scenes that are not rendered now.
-    only : names of :data:`PARTS`; all by default.
+    only : names of :data:`PARTS`; all by default, none of an empty list.
     with_charts : draw them, which needs matplotlib.
     progress : takes a line when a part begins and when it ends.
 
@@ -80,7 +82,23 @@ def run(
         progress(f"[{place}/{len(names)}] {part.TITLE}: {taken:.1f} s")
         # After each part: an interrupted run keeps what it has.
         write(report, folder, with_charts=with_charts)
+    if not names:
+        write(report, folder, with_charts=with_charts)
     return report
+
+
+def write_docs(report: dict, folder: Path, docs: Path) -> None:
+    """Write a folder's report as ``benchmark.md`` and its pictures into the documentation."""
+    pictures = docs / "pictures" / "benchmark"
+    shutil.rmtree(pictures, ignore_errors=True)
+    pictures.mkdir(parents=True)
+
+    def moved(link: re.Match) -> str:
+        shutil.copy(folder / link[2], pictures)
+        return f"![{link[1]}](pictures/benchmark/{link[2]})"
+
+    page = re.sub(r"!\[(.*?)\]\((.*?)\)", moved, markdown(report))
+    (docs / "benchmark.md").write_text(page, encoding="utf-8")
 
 
 def write(report: dict, folder: Path, *, with_charts: bool = True) -> None:
@@ -100,9 +118,10 @@ def markdown(report: dict) -> str:
     lines = [
         "# Benchmark",
         "",
-        "All figures come from runs of `./run benchmark -o FOLDER`. A time is "
-        "the median of its repeats, with the least and the greatest in brackets. Ratios of times "
-        "hold within one process, in which the rivals took turns.",
+        "All figures come from `./run benchmark -o FOLDER --docs`, which writes this page; "
+        "`--only PART` runs a part alone. A time is the median of its repeats, with the least and "
+        "the greatest in brackets. Times compare within one part: its rivals take turns in one "
+        "process.",
         "",
     ]
     parts = [(name, report["parts"][name]) for name in PARTS if name in report["parts"]]
@@ -130,9 +149,9 @@ def _provenance(parts: list[tuple[str, dict]]) -> list[str]:
     return [*lines, ""]
 
 
-def chosen(only: Iterable[str], settings: Settings) -> tuple[str, ...]:
+def chosen(only: Iterable[str] | None, settings: Settings) -> tuple[str, ...]:
     """The parts to run, in the report's order; ValueError where one cannot be."""
-    wanted = tuple(only) or PARTS
+    wanted = PARTS if only is None else tuple(only)
     unknown = [name for name in wanted if name not in PARTS]
     if unknown:
         raise ValueError(f"no part {unknown[0]!r}: choose from {', '.join(PARTS)}")

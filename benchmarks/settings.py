@@ -22,11 +22,13 @@ class Settings:
     size : ``full`` for figures to be quoted, ``quick`` for a look, ``tiny`` for tests.
     seed : of every random choice.
     scenes : .blend files for the parts that render.
+    folder : where parts put pictures that are no charts; None: nowhere.
     """
 
     size: str = "full"
     seed: int = 0
     scenes: tuple[Path, ...] = ()
+    folder: Path | None = None
 
     def __post_init__(self) -> None:
         if self.size not in SIZES:

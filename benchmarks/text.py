@@ -38,8 +38,3 @@ def milliseconds(timing: Mapping[str, float]) -> str:
     """The median of a time in milliseconds, and its spread."""
     middle, low, high = (1e3 * timing[name] for name in ("median", "low", "high"))
     return f"{number(middle)} ({number(low)} to {number(high)})"
-
-
-def quotient(found: Mapping[str, float]) -> str:
-    """The median of a ratio, and its spread."""
-    return f"{found['median']:.2f} ({found['low']:.2f} to {found['high']:.2f})"

@@ -800,7 +800,9 @@ def exit_rays(
     ends = _Live.join([row[0] for row in rows])
     distance = np.concatenate([row[1] for row in rows])
     order = np.argsort(ends.ray, kind="stable")
-    ends = ends.take(order)
+    ends, distance = ends.take(order), distance[order]
+    # A way that ends black may have met a thing before.
+    thing = np.where(np.isfinite(distance), ends.thing, -1)
     depth = ends.depth if followed.dims else np.zeros((3, len(ends)))
     return ExitRays(
         ray=ends.ray,
@@ -808,8 +810,8 @@ def exit_rays(
         depth=np.ascontiguousarray(depth.T),
         origin=np.ascontiguousarray(ends.place.T),
         direction=np.ascontiguousarray(ends.direction.T),
-        distance=distance[order],
-        thing=ends.thing.astype(np.intp),
+        distance=distance,
+        thing=thing.astype(np.intp),
         events=ends.events.astype(np.intp),
         rough=ends.facet >= 0,
         path=ends.path.view(np.int64),

@@ -219,8 +219,12 @@ def test_light_refracted_to_the_wrong_side_of_a_face_ends_black():
     # It leaves at 39° to that normal, 99° to the face's.
     tilt = np.radians(85.0)
     along = (np.sin(tilt), 0.0, np.cos(tilt))
+
+    def cast(origins, directions):
+        return np.full(len(origins), 1e3), np.zeros(len(origins), int)
+
     ends = optics.exit_rays(
-        [optics.PlacedMesh(1.5)], (0.0, 0.0, -1.0), [along], min_weight=1e-4, meet=meet
+        [optics.PlacedMesh(1.5)], (0.0, 0.0, -1.0), [along], min_weight=1e-4, meet=meet, cast=cast
     )
     np.testing.assert_allclose(np.bincount(ends.ray, ends.weight) + ends.lost, 1.0)
     black = np.isinf(ends.depth).all(axis=1)
@@ -228,6 +232,8 @@ def test_light_refracted_to_the_wrong_side_of_a_face_ends_black():
     reflectance = optics.fresnel(cosine, 1.5)
     assert ends.weight[black].sum() == pytest.approx(1.0 - reflectance, abs=1e-9)
     assert (ends.distance[black] == np.inf).all()
+    # It sees nothing, though something stands there.
+    assert (ends.thing == np.where(black, -1, 0)).all()
 
 
 def test_meshes_need_somebody_who_knows_where_they_are():

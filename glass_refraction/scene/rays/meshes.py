@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...optics.exit_rays import TOUCHING
 from ..read.glasses import Glass
 from .caster import Caster
 from .things import Triangles
@@ -92,9 +93,14 @@ class GlassMeshes:
 
 
 def _apart(boxes: Sequence[np.ndarray], most: int) -> list[list[int]]:
-    """Numbers of boxes (2, 3) in ``most`` groups; none overlap in a group but in the last one."""
+    """Numbers of boxes (2, 3) in ``most`` groups; none overlap in a group but in the last one.
+
+    Boxes so near that the tracer takes their faces for touching count as overlapping.
+    """
     groups: list[list[int]] = [[] for _ in range(most)]
+    near = TOUCHING * max((float(np.abs(box).max()) for box in boxes), default=0.0)
     for number, (low, high) in enumerate(boxes):
+        low, high = low - near, high + near
         free = (
             group
             for group in groups

@@ -58,6 +58,10 @@ LEAST_CLIP = 1e-4
 UNCOVERED = 0.5
 """Part of a pixel beside all glasses from which on it counts as not covered."""
 _STRUCTURE = "refractive_glass_structure"
+_kept_sizes: dict[int, tuple[int, int]] = {}
+"""View's session uid -> pixels of the picture of it that Blender has kept. The compositor takes it
+where the view is not rendered, and reads past its end where it is smaller than the user's: so it is
+rendered once more, though nothing is looked up in it."""
 
 
 def prepare(scene: bpy.types.Scene) -> None:
@@ -304,7 +308,14 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
     _match_views(scene, views)
     settings = zip(views, result.cameras, result.samples, result.far, result.curtains, strict=True)
     for view, camera, samples, far, curtain in settings:
-        write_setting(view.view_layers[0], "use", camera is not None)
+        kept = _kept_sizes.get(view.session_uid, (width, height))
+        is_smaller = kept[0] < width or kept[1] < height
+        is_rendered = camera is not None or is_smaller
+        write_setting(view.view_layers[0], "use", is_rendered)
+        if is_rendered:
+            _kept_sizes[view.session_uid] = width, height
+        if is_smaller:
+            write_setting(*samples_setting(view), 1)
         if camera is not None:
             _aim_camera(view.camera, camera, far)
             write_setting(*samples_setting(view), samples)

@@ -752,3 +752,21 @@ def test_a_frame_takes_few_rays_and_few_casts(tmp_path):
     traced = door.counters["exit_rays"]
     scenes.picture(scene, tmp_path, "again")
     assert door.counters["exit_rays"] == traced
+
+
+def test_a_view_that_was_drawn_smaller_and_is_needed_no_more_leaves_no_trace(tmp_path):
+    """Blender reads past the end of the picture that it has kept of such a view."""
+    scenes.camera()
+    _wall()
+    _wall(-0.8).rotation_euler.z = np.pi
+    scene = _scene(24, 18, samples=1)
+    scenes.glass(shape="SPHERE", radius=0.05, contents_ior=1.333)
+    scenes.picture(scene, tmp_path, "small")
+    assert len(door.status(scene).views) > 1
+    scene.render.resolution_x, scene.render.resolution_y = 240, 180
+    scene.refractive_glass.captures = 0
+    found = scenes.picture(scene, tmp_path, "large")
+    assert len(door.status(scene).views) == 1
+    assert np.isfinite(found).all() and found[..., :3].max() < 2.0
+    again = scenes.picture(scene, tmp_path, "again")
+    np.testing.assert_array_equal(again, found)
