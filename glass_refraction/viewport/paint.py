@@ -26,6 +26,9 @@ from .wires import Wires
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
 
+GLANCED = 15
+"""Rows of a view by which is told whether its picture changed."""
+
 _shaders: dict[str, object] = {}
 WHOLE = (-1.0, -1.0, 1.0, 1.0)
 """The box of a target that is filled from corner to corner."""
@@ -33,11 +36,15 @@ WHOLE = (-1.0, -1.0, 1.0, 1.0)
 
 @dataclass(frozen=True)
 class Way:
-    """How rays are followed: the least part of the light, the most ways, whether they split."""
+    """How rays are followed: the least part of the light, the most ways, whether they split.
+
+    backdrop : what is seen where nothing is, see `Painter.show`.
+    """
 
     least: float
     most: int
     splits: bool
+    backdrop: tuple[float, float, float, float]
 
 
 class Direct:
@@ -49,8 +56,8 @@ class Direct:
         buffer's values, and of what they mean in units of the common frame, see `glsl.DEPTH` and
         `glsl.STEPS`; line : the numbers (a, b, c, d) between both.
     has_depth : EEVEE writes none while overlays are off.
-    stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
-        reading, what was Python's and NumPy's part.
+    stamp : a part of the pixels, to tell whether anything changed. rows : those that were glanced
+        at last. python_seconds : of the last reading, what was Python's and NumPy's part.
     """
 
     def __init__(self) -> None:
@@ -60,6 +67,7 @@ class Direct:
         self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
         self.stamp: np.ndarray | None = None
+        self.rows: np.ndarray | None = None
         self.python_seconds = 0.0
         self._buffers: tuple = ()
         self._plain = self._to_depth = self._to_tiles = None
@@ -102,6 +110,22 @@ class Direct:
         same = self.stamp is not None and np.array_equal(stamp, self.stamp)
         self.stamp = stamp
         self.python_seconds = time.thread_time() - began
+        return not same
+
+    def glance(self, framebuffer, size: tuple[int, int]) -> bool:
+        """Whether a few rows of the view's picture differ from those of the last glance.
+
+        Much quicker than to read it all: enough while an engine only refines what it shows.
+        """
+        width, height = size
+        rows = np.concatenate(
+            [
+                np.asarray(framebuffer.read_color(0, int(y), width, 1, 4, 0, "FLOAT")).ravel()
+                for y in np.linspace(0, height - 1, min(height, GLANCED + 2))[1:-1]
+            ]
+        )
+        same = self.rows is not None and np.array_equal(rows, self.rows)
+        self.rows = rows
         return not same
 
     def find_steps(self, view: Viewpoint, frame: Frame) -> None:
@@ -461,6 +485,7 @@ class Painter:
             shader.uniform_int("is_listed", int(layer.listed is not None))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
+            shader.uniform_float("backdrop", way.backdrop)
             shader.uniform_int("splits", int(way.splits))
             shader.uniform_int("has_depth", int(self.direct.has_depth))
             if displaced is not None:
@@ -517,8 +542,8 @@ class Painter:
         Parameters
         ----------
         framebuffer : the view's own: scene colours and depth. The bound one is the overlay's.
-        backdrop : what the view shows where nothing is, linear; it lies in the overlay, is added to
-            the scene and so has no alpha.
+        backdrop : what the view shows where nothing is, linear, without an alpha. The engine leaves
+            it to the overlay, which is added to the scene.
         lines : leave the lines in the overlay that the glasses' meshes are drawn by.
         """
         lines = lines or not self.direct.has_depth
@@ -690,6 +715,7 @@ DESCRIPTIONS = {
             ("VEC4", "jitter"),
             ("VEC4", "band"),
             ("VEC4", "box"),
+            ("VEC4", "backdrop"),
             ("FLOAT", "least"),
             ("INT", "most"),
             ("INT", "splits"),
@@ -703,7 +729,12 @@ DESCRIPTIONS = {
         "fragment": glsl.PICTURE,
     },
     "between": {
-        "constants": [("VEC4", "box"), ("FLOAT", "parts"), ("INT", "has_depth")],
+        "constants": [
+            ("VEC4", "box"),
+            ("VEC4", "backdrop"),
+            ("FLOAT", "parts"),
+            ("INT", "has_depth"),
+        ],
         "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"],
         "glasses": True,
         "view": True,
