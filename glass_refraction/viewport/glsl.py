@@ -42,7 +42,7 @@ struct View {{
   vec4 up;           /* and up */
   vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
   vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
-  vec4 start;        /* radius of the ball that holds all glasses; - */
+  vec4 start;        /* radius of the ball that holds all glasses; from a capture to a second */
   vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
 }};
 """
@@ -1057,6 +1057,13 @@ float smooth_gap(int slot, vec3 p)
   return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
 }
 
+/* The second capture of a glass that has a first one, behind what hides much from that; or -1. */
+int second_of(int slot)
+{
+  int second = slot + int(view.start.y);
+  return slot >= 0 && second < 8 && view.captures[second].w > 0.5 ? second : -1;
+}
+
 /* Whether a capture sees a place: nothing stands before it, or what stands there. */
 bool is_seen(int slot, vec3 p)
 {
@@ -1068,6 +1075,13 @@ bool is_seen(int slot, vec3 p)
 }
 
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
+
+bool shows_thing(int slot, vec3 d)
+{
+  float side = view.captures[slot].w;
+  vec3 at = face_of(d, side);
+  return is_there(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
+}
 
 /* The colour in a direction, smoothed over pixels that are about as far as the nearest one. */
 vec4 capture_colour(int slot, vec3 d)
@@ -1354,7 +1368,7 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
     float over = z + shown - 2.0 * limb - SLACK;
     if (behind && limb > UNKNOWN && over < 0.0) {
       vec3 place = o + t * d;
-      if (is_seen(slot, place)) {
+      if (is_seen(slot, place) || is_seen(second_of(slot), place)) {
         /* What is seen from within the glass is not guessed: the capture tells. */
         limb = UNKNOWN;
       }
@@ -1386,8 +1400,10 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   return false;
 }
 
-/* Where a ray meets what a capture shows: marched by equal angles round the capture's centre. */
-bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way)
+/* Where a ray meets what a capture shows: marched by equal angles round the capture's centre.
+ * `hidden`: it was behind something. */
+bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way,
+                   out bool hidden)
 {
   vec4 capture = view.captures[slot];
   vec3 q = o - capture.xyz;
@@ -1405,6 +1421,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
   vec2 angle = vec2(cos(low), sin(low));
   float before = 0.0;
   bool behind = capture_gap(slot, q) > THICK_PART * length(q);
+  hidden = behind;
   at = vec3(0.0);
   way = reach;
   for (int k = 1; k <= count; k++) {
@@ -1435,7 +1452,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
           abs(smooth_gap(slot, at)) < THIN + THICK_PART * length(at)) {
         return true;
       }
-      behind = true;
+      behind = hidden = true;
     }
     else if (gap <= 0.0) {
       behind = false;
@@ -1468,7 +1485,14 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
   if (slot >= 0 && hidden) {
     vec3 at;
     float other;
-    if (march_capture(slot, o, d, min(reach, way), at, other)) {
+    float most = min(reach, way);
+    bool met = march_capture(slot, o, d, most, at, other, hidden);
+    int second = second_of(slot);
+    if (!met && hidden && second >= 0) {
+      slot = second;
+      met = march_capture(slot, o, d, most, at, other, hidden);
+    }
+    if (met) {
       colour = capture_colour(slot, at);
       way = other;
       found = true;
@@ -1492,7 +1516,9 @@ vec4 beyond(vec3 o, vec3 d, int slot)
     return thing_at(pixel);
   }
   if (slot >= 0) {
-    return capture_colour(slot, d);
+    /* Where a thing stands before the first capture the second may show more. */
+    int second = second_of(slot);
+    return capture_colour(second >= 0 && shows_thing(slot, d) ? second : slot, d);
   }
   if (clip.w <= 0.0) {
     clip = view.to_clip * vec4(o, 1.0);

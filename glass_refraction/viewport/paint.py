@@ -299,6 +299,7 @@ class Painter:
         frame: Frame,
         glasses: list[Posed],
         captures: list[tuple[np.ndarray, int]],
+        seconds: int,
         scene_reach: float,
     ) -> None:
         """Hand the glasses' block (see :mod:`description`) and the view to the shader.
@@ -306,6 +307,7 @@ class Painter:
         Parameters
         ----------
         blocks : one, and if a glass disperses one each for red, green and blue light.
+        captures, seconds, scene_reach : see `eye.pack_view`.
         """
         same = len(blocks) == len(self._blocks) and all(
             known[0] is block for known, block in zip(self._blocks, blocks, strict=True)
@@ -316,7 +318,7 @@ class Painter:
         if trees != self._trees:
             self._trees = trees
             self._mesh = mesh_texture(trees) if trees else None
-        self.view_block = _uniform(pack_view(view, frame, captures, scene_reach))
+        self.view_block = _uniform(pack_view(view, frame, captures, seconds, scene_reach))
         self._view = view
         self._rects = merged([screen_rect(glass, view) for glass in glasses])
 

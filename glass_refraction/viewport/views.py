@@ -389,6 +389,7 @@ def _describe(view: _View, eye) -> None:
         model.frame,
         model.glasses,
         view.captures.listed(),
+        view.captures.glasses,
         model.scene_reach(),
     )
 
