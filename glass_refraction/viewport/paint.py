@@ -26,8 +26,8 @@ from .wires import Wires
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
 
-GLANCED = 15
-"""Rows of a view by which is told whether its picture changed."""
+GLANCED = 11
+"""Rows of a view, and columns, by which is told whether its picture changed."""
 
 _shaders: dict[str, object] = {}
 WHOLE = (-1.0, -1.0, 1.0, 1.0)
@@ -56,7 +56,7 @@ class Direct:
         buffer's values, and of what they mean in units of the common frame, see `glsl.DEPTH` and
         `glsl.STEPS`; line : the numbers (a, b, c, d) between both.
     has_depth : EEVEE writes none while overlays are off.
-    stamp : a part of the pixels, to tell whether anything changed. rows : those that were glanced
+    stamp : a part of the pixels, to tell whether anything changed. lines : those that were glanced
         at last. python_seconds : of the last reading, what was Python's and NumPy's part.
     """
 
@@ -67,7 +67,7 @@ class Direct:
         self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
         self.stamp: np.ndarray | None = None
-        self.rows: np.ndarray | None = None
+        self.lines: np.ndarray | None = None
         self.python_seconds = 0.0
         self._buffers: tuple = ()
         self._plain = self._to_depth = self._to_tiles = None
@@ -113,19 +113,17 @@ class Direct:
         return not same
 
     def glance(self, framebuffer, size: tuple[int, int]) -> bool:
-        """Whether a few rows of the view's picture differ from those of the last glance.
+        """Whether some rows and columns of the view's picture differ from those glanced at last.
 
         Much quicker than to read it all: enough while an engine only refines what it shows.
         """
         width, height = size
-        rows = np.concatenate(
-            [
-                np.asarray(framebuffer.read_color(0, int(y), width, 1, 4, 0, "FLOAT")).ravel()
-                for y in np.linspace(0, height - 1, min(height, GLANCED + 2))[1:-1]
-            ]
-        )
-        same = self.rows is not None and np.array_equal(rows, self.rows)
-        self.rows = rows
+        strips = [(0, y, width, 1) for y in _between(height)]
+        strips += [(x, 0, 1, height) for x in _between(width)]
+        read = [framebuffer.read_color(*strip, 4, 0, "FLOAT") for strip in strips]
+        lines = np.concatenate([np.asarray(one).ravel() for one in read])
+        same = self.lines is not None and np.array_equal(lines, self.lines)
+        self.lines = lines
         return not same
 
     def find_steps(self, view: Viewpoint, frame: Frame) -> None:
@@ -160,6 +158,12 @@ class Direct:
             shader.uniform_float("line", self.line)
             shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
+
+
+def _between(size: int) -> list[int]:
+    """Places evenly between 0 and ``size``."""
+    count = min(GLANCED, size)
+    return [(2 * k + 1) * size // (2 * count) for k in range(count)]
 
 
 def _target(size: tuple[int, int], *formats: str) -> tuple:

@@ -30,15 +30,18 @@ class _Shown:
 
 
 @pytest.mark.parametrize("size", [(64, 48), (200, 690), (5, 9)])
-def test_a_glance_sees_what_is_higher_than_the_gaps_between_its_rows(size):
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_glance_sees_what_is_longer_than_the_gaps_between_its_lines(size, axis):
     width, height = size
     direct = paint.Direct()
     shown = _Shown(np.zeros((height, width, 4), np.float32))
     assert direct.glance(shown, size)
     assert not direct.glance(shown, size)
-    gap = int(np.ceil((height - 1) / (min(height, paint.GLANCED + 2) - 1)))
-    for y in range(max(1, gap), height - max(1, gap)):
-        shown.pixels[y : y + gap, y % width] += 1.0
+    long, across = (height, width) if axis == 0 else (width, height)
+    gap = int(np.ceil(long / min(long, paint.GLANCED)))
+    for begin in range(long - gap + 1):
+        there = (slice(begin, begin + gap), begin % across)
+        shown.pixels[there if axis == 0 else there[::-1]] += 1.0
         assert direct.glance(shown, size)
     assert not direct.glance(shown, size)
 
