@@ -67,12 +67,15 @@ class Things(Triangles):
         return np.array((self.points.min(axis=0), self.points.max(axis=0)))
 
 
-def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str]) -> Things:
+def read_things(
+    depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], *, with_lamps: bool = True
+) -> Things:
     """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
 
     Parameters
     ----------
     left_out : names of objects that no ray meets here: the glasses.
+    with_lamps : False for an engine that is lit by none of them, Workbench.
     """
     builder = _Builder()
     for instance in depsgraph.object_instances:
@@ -84,7 +87,7 @@ def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str]) -> Thi
         if not instance.show_self:
             continue
         if obj.type == "LIGHT":
-            if obj.visible_glossy:
+            if with_lamps and obj.visible_glossy:
                 builder.add_lamp(obj, np.array(instance.matrix_world, float))
             continue
         if not (obj.visible_camera and owner.visible_camera):

@@ -247,7 +247,7 @@ def _read(
     samples, name = samples_setting(scene)
     return FrameInput(
         glasses=glasses,
-        things=read_things(depsgraph, left_out),
+        things=read_things(depsgraph, left_out, with_lamps=render.engine != "BLENDER_WORKBENCH"),
         sky=sky_of(depsgraph.scene_eval, tuple(suns), _world_override(depsgraph.view_layer)),
         view=view,
         near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),
