@@ -451,8 +451,6 @@ class _Followed:
             # A surface that only refracts is black where it would reflect totally, as in Cycles.
             dark = _Live.join([dark, off])
         dark.depth = np.full_like(dark.depth, np.inf)
-        # What was looked for lies behind the interface: they do not come so far.
-        dark.thing = np.full(len(dark), -1, dtype=np.int32)
         return seen, dark, through, dropped
 
     def _sunk(self, turned: Floats, flat: Floats, straight) -> NDArray[np.bool_]:
@@ -801,7 +799,7 @@ def exit_rays(
     distance = np.concatenate([row[1] for row in rows])
     order = np.argsort(ends.ray, kind="stable")
     ends, distance = ends.take(order), distance[order]
-    # A way that ends black may have met a thing before.
+    # For one that ends black a thing behind the interface was looked for.
     thing = np.where(np.isfinite(distance), ends.thing, -1)
     depth = ends.depth if followed.dims else np.zeros((3, len(ends)))
     return ExitRays(
