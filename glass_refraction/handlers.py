@@ -21,7 +21,7 @@ from .scene import changes, material_link
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, user_scene_of
 from .scene.names import REFERENCE, TAG, RefractiveGlassError, own
-from .scene.progress import Stopped, go_on, tell
+from .scene.progress import Stopped, ask_to_stop, go_on, tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
 from .scene.vertices import motion_blur
@@ -42,7 +42,7 @@ LEFT_OUT = (
     "A single view layer was rendered, without the cameras that show the rest of what is seen in "
     "the glass: render all of them (F12)"
 )
-STOPPED = "Esc was pressed before what is seen in the glass was computed: render again"
+STOPPED = "The render was ended before what is seen in the glass was computed: render again"
 
 
 def request_update(scene: bpy.types.Scene | None, seconds: float = REST_SECONDS) -> None:
@@ -200,7 +200,9 @@ def _on_render_frame(scene: bpy.types.Scene, *_) -> None:
 def _on_render_complete(scene: bpy.types.Scene, *_) -> None:
     if not own(scene):
         wants_own = scene.render.use_compositing and _asks_for_own(scene)
-        if wants_own and not _own_rendered:
+        # Blender completes a render that was ended by closing its window.
+        stopped = STOPPED in door.status(scene).problems
+        if wants_own and not _own_rendered and not stopped:
             door.status(scene).problems.append(LEFT_OUT)
             print(f"Refractive Glass: {LEFT_OUT}")
         door.memory_of(scene).last = list(door.status(scene).problems)
@@ -237,6 +239,13 @@ def _on_data_replaced(*_) -> None:
 def _on_load(*_) -> None:
     material_link.remember()
     _on_data_replaced()
+
+
+@persistent
+def _before_load(*_) -> None:
+    """Blender ends a render before it reads a file, and waits for it."""
+    if _rendering:
+        ask_to_stop()
 
 
 def _request_all() -> None:
@@ -283,6 +292,7 @@ _TABLE = (
     ("redo_pre", _before_data_replaced),
     ("undo_post", _on_data_replaced),
     ("redo_post", _on_data_replaced),
+    ("load_pre", _before_load),
     ("load_post", _on_load),
     ("save_pre", _on_save),
     ("save_post", _on_saved),

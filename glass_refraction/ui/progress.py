@@ -26,7 +26,7 @@ _SIZE = 13.0
 _LINE, _LETTER = 1.5, 0.6
 """Height of a line and mean width of a letter, in heights of letters."""
 _LEAST_LETTERS = 20
-_WATCH = "WM_OT_refractive_glass_watch"
+_WATCH, _RENDER = "WM_OT_refractive_glass_watch", "RENDER_OT_render"
 
 
 class _Shown:
@@ -95,10 +95,13 @@ class WM_OT_refractive_glass_watch(bpy.types.Operator):
             progress.ask_to_stop()
         if bpy.app.is_job_running("RENDER"):
             return {"PASS_THROUGH"}
-        self.cancel(context)
+        context.window_manager.event_timer_remove(self._timer)
         return {"FINISHED", "PASS_THROUGH"}
 
     def cancel(self, context: bpy.types.Context) -> None:
+        # Blender closes the window. With the render's own it ends the render, and waits for it.
+        if any(operator.bl_idname == _RENDER for operator in context.window.modal_operators):
+            progress.ask_to_stop()
         context.window_manager.event_timer_remove(self._timer)
 
 

@@ -13,12 +13,18 @@ def found(installed):
 def test_esc_stops_what_is_computed(found):
     assert "glass" in found["doing"]
     assert found["ended"] == ["cancelled"]
-    assert "Esc was pressed" in found["problems"][0]
+    assert "was ended before" in found["problems"][0]
 
 
 def test_every_window_is_watched_until_the_render_ends(found):
     assert len(found["watched"]) > 1 and all(found["watched"])
     assert not any(found["watched_afterwards"])
+
+
+def test_closing_the_window_of_a_render_stops_it_too(found):
+    """Blender waits for the render's thread with all windows held: a minute was seen."""
+    assert found["closed"]
+    assert "was ended before" in found["problems_closed"][0]
 
 
 def test_the_next_picture_is_whole(found):

@@ -120,3 +120,15 @@ def test_two_eyes_are_told(scene):
     scene.render.use_multiview = True
     bpy.ops.render.render()
     assert "renders two eyes" in door.memory_of(scene).last[0]
+
+
+def test_reading_a_file_stops_a_render_and_nothing_else(scene, monkeypatch):
+    for rendering in (False, True):
+        monkeypatch.setattr(handlers, "_rendering", rendering)
+        handlers._before_load()
+        if rendering:
+            with pytest.raises(progress.Stopped):
+                progress.check()
+        else:
+            progress.check()
+    progress.go_on()

@@ -70,6 +70,18 @@ def steps():
     yield 1
     result["watched_afterwards"] = watched()
 
+    render()
+    while running() and part("scene.progress").doing() is None:
+        yield 0.05
+    yield 1.0
+    result["closed"] = running()
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+        bpy.ops.wm.window_close()
+    while running():
+        yield 0.02
+    result["problems_closed"] = list(part("scene.update").status(scene).problems)
+    yield 1
+
     scene.render.resolution_x, scene.render.resolution_y = 64, 36
     ended.clear()
     render()
