@@ -424,10 +424,11 @@ def _which(scenes: list[dict]) -> list[str]:
         if least:
             reach.append(f"{name} {number(min(least))} to {number(max(least))}")
     lines += [
-        f"So of {len(scenes)} scenes the least time is, {'; '.join(told)}. The least error that "
-        f"each way reaches here, by scene: {'; '.join(reach)}. Take the first that reaches the "
-        "error you want; where none of the rays' rows does, take real glass in Cycles with more "
-        "samples.",
+        f"Ways that take the least time, by the number of scenes: {'; '.join(told)}. The least "
+        f"error that each reaches here, by scene: {'; '.join(reach)}. Take the way that the table "
+        "names for the error that you want; where it names none, take real glass in Cycles with "
+        "more samples. In EEVEE compare the two rows in EEVEE: what is left of the rays' error is "
+        "the engine's own lighting, as beside the glass.",
         "",
     ]
     return lines
