@@ -20,8 +20,8 @@ from bpy.app.handlers import persistent
 from .scene import changes, material_link
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, user_scene_of
-from .scene.names import TAG, RefractiveGlassError, own
-from .scene.progress import tell
+from .scene.names import REFERENCE, TAG, RefractiveGlassError, own
+from .scene.progress import Stopped, go_on, tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
 from .scene.vertices import motion_blur
@@ -42,6 +42,7 @@ LEFT_OUT = (
     "A single view layer was rendered, without the cameras that show the rest of what is seen in "
     "the glass: render all of them (F12)"
 )
+STOPPED = "Esc was pressed before what is seen in the glass was computed: render again"
 
 
 def request_update(scene: bpy.types.Scene | None, seconds: float = REST_SECONDS) -> None:
@@ -83,7 +84,8 @@ def _serve() -> float | None:
 
     Nothing is solved here: a render does that for its own frame, and until one starts nobody looks.
     """
-    if _rendering:
+    # A comparison hides the glasses meanwhile: nothing may be taken away for that.
+    if _rendering or any(own(scene, REFERENCE) for scene in bpy.data.scenes):
         return REST_SECONDS
     leave_own_scenes()
     for scene in bpy.data.scenes:
@@ -166,6 +168,9 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         return
     try:
         door.update(scene.original, depsgraph)
+    except Stopped:
+        # Blender knows of Esc as well and ends the render.
+        door.status(scene).problems = [STOPPED]
     except RefractiveGlassError as error:
         door.status(scene).problems = [str(error)]
 
@@ -177,6 +182,7 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
         _own_rendered = False
     _rendering = True
     if not own(scene):
+        go_on()
         door.memory_of(scene).last = []
     if threading.current_thread() is not threading.main_thread() or own(scene):
         return
@@ -208,6 +214,7 @@ def _on_render_end(scene: bpy.types.Scene, *_) -> None:
     tell(None)
     if own(scene):
         return
+    go_on()
     if threading.current_thread() is threading.main_thread():
         door.free_leftovers()
     else:

@@ -18,6 +18,7 @@ from .ui import (
     panels,
     progress,
     properties,
+    starter,
     translations,
 )
 
@@ -27,6 +28,7 @@ _PARTS = (
     media,
     operators,
     everyday,
+    starter,
     bake,
     compare,
     icons,

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the refracted picture in a 3D view costs: measured in a Blender with a window.
 
-    blender --factory-startup --python scripts/live_view.py -- FOLDER SHADING SCENE.blend...
+    blender --factory-startup --python scripts/live_view.py -- FOLDER SHADING [PART,...] \
+        SCENE.blend[:FRAME]...
 
-For each scene, in its camera's view: times of redraws with and without the picture (nothing moves,
+PARTS are final, redraws, playback, memory and f12; all of them if none is named. For each scene, in
+its camera's view: times of redraws with and without the picture (nothing moves,
 the eye moves, an object moves), Python's part of them, from switching on and from the last motion
 to the final picture, how long a piece of work holds Blender up, and frames a second of playback.
 Inside the glass the picture is held against F12's (Workbench's for SOLID, EEVEE's for MATERIAL) and
-the one of what moves against that at rest, in dB. Of the last scene: how memory grows. Prints a
-line a scene and writes FOLDER/live_view.json and pictures (ImageMagick's ``import``). Quits Blender
-at the end.
+the one of what moves against that at rest, in dB. Of the last scene: how memory grows. Solid's
+light does not come along with the camera here: captures of renders would each be lit from where
+they look, those of the view are not. Prints a line a scene and writes FOLDER/live_view.json and
+pictures (ImageMagick's ``import``). Quits Blender at the end.
 """
 
 from __future__ import annotations
@@ -29,6 +32,10 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 FOLDER, SHADING, *SCENES = sys.argv[sys.argv.index("--") + 1 :]
 FOLDER = Path(FOLDER)
+ALL_PARTS = {"final", "redraws", "playback", "memory", "f12"}
+PARTS = ALL_PARTS
+if SCENES and set(SCENES[0].split(",")) <= ALL_PARTS:
+    PARTS = set(SCENES.pop(0).split(","))
 REDRAWS = 10
 """Of each kind; an even number leaves everything where it was."""
 STEP = 0.002
@@ -39,7 +46,15 @@ LIMIT_SECONDS = 180.0
 PLAY_SECONDS = 5.0
 MANY_REDRAWS = 1000
 ENGINES = {"SOLID": "BLENDER_WORKBENCH", "MATERIAL": "BLENDER_EEVEE"}
-COPIED = ("light", "studio_light", "color_type", "single_color", "show_shadows", "show_cavity")
+COPIED = (
+    "light",
+    "studio_light",
+    "color_type",
+    "single_color",
+    "show_shadows",
+    "show_cavity",
+    "use_world_space_lighting",
+)
 """Settings of Solid shading that Workbench's renders have too."""
 
 found: dict[str, dict] = {}
@@ -307,15 +322,17 @@ def switch(on: bool) -> None:
         bpy.context.window_manager.refractive_glass_overlay = on
 
 
-def measure(path: str):
-    from glass_refraction.viewport import views
-
+def measure(scene_path: str):
+    path, _, wanted = scene_path.partition(":")
     bpy.ops.wm.open_mainfile(filepath=path)
     yield 1.0
+    if wanted:
+        bpy.context.scene.frame_set(int(wanted))
     space = area().spaces.active
     space.show_region_ui = space.show_region_toolbar = space.show_gizmo = False
     space.show_region_header = space.show_region_tool_header = False
     space.shading.type = SHADING
+    space.shading.use_world_space_lighting = True
     space.region_3d.view_perspective = "CAMERA"
     with override():
         bpy.ops.view3d.view_center_camera()
@@ -326,59 +343,77 @@ def measure(path: str):
     redraws_once()
     fit_frame()
     yield SETTLE_SECONDS[SHADING]
-    name, result = Path(path).stem, {}
+    name, result = f"{Path(path).stem}{wanted}_{SHADING.lower()}", {}
+    frame = bpy.context.scene.frame_current
     motions = {"still": lambda k: None, "eye": move_eye, "object": mover()}
-    plain = {motion: redraws(move) for motion, move in motions.items()}
-    yield SETTLE_SECONDS[SHADING] / 2
-    plain_rate = yield from played()
-    yield 0.5
+    plain, plain_rate = {}, 0.0
+    if "redraws" in PARTS:
+        plain = {motion: redraws(move) for motion, move in motions.items()}
+        yield SETTLE_SECONDS[SHADING] / 2
+    if "playback" in PARTS:
+        plain_rate = yield from played()
+        yield 0.5
     held.update(work=0.0, face=0.0)
+    if "final" in PARTS:
+        # Shaders are compiled first.
+        switch(True)
+        yield from final()
+        switch(False)
+        yield SETTLE_SECONDS[SHADING] / 2
     switch(True)
     result["first_s"], result["first_cpu_s"] = yield from final()
     yield 0.5
-    screenshot(f"{name}_{SHADING.lower()}")
-    rest, glass, frame = shot(), covered(), bpy.context.scene.frame_current
+    screenshot(name)
+    rest, glass = shot(), covered()
     x0, y0, x1, y1 = np.round(camera_frame()).astype(int)
     # Blender evaluates the camera anew, where it is: what moves is drawn.
     bpy.context.scene.camera.location = bpy.context.scene.camera.location
     redraws_once()
     moving = shot()
     result["moving_db"] = decibels(moving, rest, glass)
-    held.update(work=0.0, face=0.0)
-    for motion, move in motions.items():
-        seconds, cpu, python = redraws(move)
-        plain_seconds, plain_cpu, _ = plain[motion]
-        result[motion] = {
-            "plain_ms": 1e3 * plain_seconds,
-            "ms": 1e3 * seconds,
-            "ratio": seconds / plain_seconds,
-            "cpu_ratio": cpu / plain_cpu,
-            "python_ms": python,
-        }
     result["final_s"], result["final_cpu_s"] = yield from final()
-    rate = yield from played()
-    result["playback"] = [plain_rate, rate, rate / plain_rate if plain_rate else 0.0]
+    if "redraws" in PARTS:
+        for motion, move in motions.items():
+            seconds, cpu, python = redraws(move)
+            plain_seconds, plain_cpu, _ = plain[motion]
+            result[motion] = {
+                "plain_ms": 1e3 * plain_seconds,
+                "ms": 1e3 * seconds,
+                "ratio": seconds / plain_seconds,
+                "cpu_ratio": cpu / plain_cpu,
+                "python_ms": python,
+            }
+    if "playback" in PARTS:
+        rate = yield from played()
+        result["playback"] = [plain_rate, rate, rate / plain_rate if plain_rate else 0.0]
     result["longest_work_s"], result["longest_face_s"] = held["work"], held["face"]
-    result["failures"] = [view.failure for view in views._views.values() if view.failure]
-    result["pixels"] = [view.painter.pixels for view in views._views.values() if view.painter]
-    if path == SCENES[-1]:
+    result["failures"] = [view.failure for view in views_of() if view.failure]
+    result["pixels"] = [view.painter.pixels for view in views_of() if view.painter]
+    if scene_path == SCENES[-1] and "memory" in PARTS:
         before = memory()
         for _ in range(MANY_REDRAWS):
             redraws_once()
         result["memory_mib"] = [before, memory()]
         yield 0.5
     switch(False)
-    target = FOLDER / f"{name}_{SHADING.lower()}_f12.png"
-    picture = rendered(path, frame, (int(x1 - x0), int(y1 - y0)), target)
-    rest, glass = rest[y0:y1, x0:x1], glass[y0:y1, x0:x1]
-    result["f12_db"] = decibels(rest, picture[: y1 - y0, : x1 - x0], glass)
-    result["beside_db"] = decibels(rest, picture, ~glass)
-    save(f"{name}_{SHADING.lower()}_view", rest)
-    apart = np.abs(rest - picture) * (0.3 + 0.7 * glass[..., None])
-    save(f"{name}_{SHADING.lower()}_apart", np.clip(4.0 * apart, 0.0, 1.0))
+    if "f12" in PARTS:
+        picture = rendered(path, frame, (int(x1 - x0), int(y1 - y0)), FOLDER / f"{name}_f12.png")
+        rest, glass = rest[y0:y1, x0:x1], glass[y0:y1, x0:x1]
+        result["f12_db"] = decibels(rest, picture, glass)
+        result["beside_db"] = decibels(rest, picture, ~glass)
+        save(f"{name}_view", rest)
+        apart = np.abs(rest - picture) * (0.3 + 0.7 * glass[..., None])
+        save(f"{name}_apart", np.clip(4.0 * apart, 0.0, 1.0))
     found[name] = result
     print(f"live_view: {name} {json.dumps(result)}", flush=True)
     yield 0.5
+
+
+def views_of() -> list:
+    """What is kept for each view that shows glass."""
+    from glass_refraction.viewport import views
+
+    return list(views._views.values())
 
 
 def steps():

@@ -9,7 +9,6 @@ screen: Blender's own screenshots leave menus out. Quits Blender when it is done
 
 from __future__ import annotations
 
-import math
 import shutil
 import subprocess
 import sys
@@ -17,6 +16,9 @@ import traceback
 from pathlib import Path
 
 import bpy
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from first_glass import build
 
 FOLDER = Path(sys.argv[-1])
 PATIENCE = 300
@@ -54,20 +56,16 @@ def steps():
     bpy.data.objects.remove(bpy.data.objects["Cube"])
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.wm.call_menu(name="VIEW3D_MT_refractive_glass_add")
-    yield 1
+    # Blender reads the icons in the background.
+    yield 8
     screenshot("add_menu")
     subprocess.run(["xdotool", "key", "Escape"], check=True)
     yield 1
     with bpy.context.temp_override(**view_3d()):
         area = bpy.context.area
-        bpy.ops.object.refractive_glass_everyday_add("INVOKE_DEFAULT", kind="GLASS_OF_WATER")
-        glass = bpy.context.object
+        glass = build()
         view = area.spaces.active.region_3d
         view.view_location, view.view_distance = (0.0, 0.0, 1.3), 7.0
-        bpy.ops.mesh.primitive_plane_add(size=10)
-        bpy.ops.mesh.primitive_cylinder_add(
-            radius=0.06, depth=3.2, location=(0, 0, 1.7), rotation=(0, math.radians(20), 0)
-        )
         bpy.ops.object.select_all(action="DESELECT")
         bpy.context.view_layer.objects.active = glass
         area.spaces.active.show_region_ui = True

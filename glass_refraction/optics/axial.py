@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .glasses import Recolour
 from .laws import fresnel
 from .paths import LightPath, ParallelView, as_path
 from .profiles import Profile
@@ -96,7 +98,26 @@ class BoundedGlass:
 
 
 class AxialGlass(BoundedGlass):
-    """What glasses of revolution share."""
+    """What glasses of revolution share: dataclasses with an `ior` and a `liquid_ior`."""
+
+    names_interfaces: ClassVar[bool] = True
+    has_contents: ClassVar[bool] = True
+
+    def recoloured(self, glass: Recolour, contents: Recolour) -> AxialGlass:
+        """The same glass as light of another colour finds it."""
+        return replace(self, ior=glass(self.ior), liquid_ior=contents(self.liquid_ior))
+
+    @property
+    def unbounded(self) -> AxialGlass:
+        """The glass itself: nothing of it goes on without end."""
+        return self
+
+    def encloses(self, points: Floats, margin: float) -> NDArray[np.bool_]:
+        """Which points (N, 3) lie in its hull; ``margin`` as of `FlatGlass.encloses`."""
+        radius, low, high = (part * self.scale for part in self.hull)
+        skin = margin * (high - low)
+        inside = np.hypot(points[:, 0], points[:, 1]) < radius * (1 - margin)
+        return inside & (points[:, 2] > low + skin) & (points[:, 2] < high - skin)
 
     @property
     def hull(self) -> tuple[float, float, float]:

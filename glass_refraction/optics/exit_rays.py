@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from .axial import nearest
 from .facets import ENDLESS, bent, facet_shares, fold, visible_facets
 from .laws import reflectance_and_cosine
-from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, PlacedMesh, surface_depths
+from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, surface_depths
 from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import Floats, Rays
@@ -179,6 +179,7 @@ class _Followed:
     accuracy: float | None
     pixel: NDArray[np.int64]
     sample: NDArray[np.int64]
+    between: Callable[[], None]
     media: Media = field(init=False)
     meshes: list[int] = field(init=False)
     alpha: Floats = field(init=False)
@@ -187,7 +188,7 @@ class _Followed:
 
     def __post_init__(self) -> None:
         self.media = Media(self.glasses)
-        self.meshes = [n for n, glass in enumerate(self.glasses) if isinstance(glass, PlacedMesh)]
+        self.meshes = [n for n, glass in enumerate(self.glasses) if glass.is_mesh]
         self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
         self.rough = bool(self.alpha.any())
         self.tints = surface_depths(self.glasses)
@@ -236,6 +237,7 @@ class _Followed:
 
     def step(self, live: _Live, lost: Floats) -> _Live:
         """The rays behind their next interface; those that end are kept in `rows`."""
+        self.between()
         self.steps += 1
         met = self.meet(live)
         free = self.look(live, met)
@@ -280,9 +282,10 @@ class _Followed:
         sheets = self.meet_meshes(live) if self.meshes else []
 
         def work(block: slice) -> None:
+            self.between()
             found: list[_Meeting | _Faces] = [sheet.within(block) for sheet in sheets]
             for number, glass in enumerate(self.glasses):
-                if isinstance(glass, PlacedGlass):
+                if not glass.is_mesh:
                     found += _meetings(number, glass, live, block, met)
             way = met.way[block]
             for meeting in found:
@@ -375,6 +378,7 @@ class _Followed:
         children: dict[int, tuple[_Live, _Live, _Live, tuple]] = {}
 
         def work(block: slice) -> None:
+            self.between()
             children[block.start] = self._split(
                 live.take(block), met.take(block), near[block], lift[block]
             )
@@ -690,6 +694,10 @@ def _interface_code(glass, interface) -> NDArray[np.int64]:
     return (glass.astype(np.int64) * STAMPS + interface) * 2 + 1
 
 
+def _go_on() -> None:
+    """Nobody wants to end the call."""
+
+
 def _integers(name: str, value: ArrayLike, total: int) -> NDArray[np.int64]:
     numbers = np.asarray(value)
     if numbers.shape != (total,) or numbers.dtype.kind not in "iu":
@@ -711,6 +719,7 @@ def exit_rays(
     accuracy: float | None = None,
     pixel: ArrayLike | None = None,
     sample: ArrayLike | None = None,
+    between: Callable[[], None] | None = None,
 ) -> ExitRays:
     """Follow rays through glasses along all ways that carry enough of the light.
 
@@ -747,6 +756,9 @@ def exit_rays(
         Choose the facets of rough glasses: the same numbers, the same facets, whatever moves. The
         rays of one pixel, numbered by `sample`, have facets that are spread evenly. None: every ray
         is a pixel of its own.
+    between
+        Called before each step and each block of rays, perhaps in other threads; what it raises
+        ends the call.
 
     Raises
     ------
@@ -775,6 +787,7 @@ def exit_rays(
         accuracy,
         _integers("pixel", np.arange(total) if pixel is None else pixel, total),
         _integers("sample", np.zeros(total, int) if sample is None else sample, total),
+        between or _go_on,
     )
     lost = np.where(fit, 0.0, 1.0)
     live = followed.start(origins, unit, proper)
@@ -786,7 +799,7 @@ def exit_rays(
     distance = np.concatenate([row[1] for row in rows])
     order = np.argsort(ends.ray, kind="stable")
     ends, distance = ends.take(order), distance[order]
-    # A way that ends black may have met a thing before.
+    # For one that ends black a thing behind the interface was looked for.
     thing = np.where(np.isfinite(distance), ends.thing, -1)
     depth = ends.depth if followed.dims else np.zeros((3, len(ends)))
     return ExitRays(

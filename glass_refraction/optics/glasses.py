@@ -5,12 +5,18 @@ Media are counted in the order of their interfaces: medium 0 lies above (or outs
 interface, medium i + 1 just behind interface i. "Deeper" means towards a higher medium.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+Recolour = Callable[[float], float]
+"""The ior that light of another colour finds, from a medium's own."""
 
 
 def _positive(field: str, value: object) -> float:
@@ -89,6 +95,9 @@ class FlatGlass:
     ior_below: float = 1.0
     outline: tuple[tuple[float, float], ...] | None = None
 
+    names_interfaces: ClassVar[bool] = False
+    has_contents: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         set_field = object.__setattr__
         set_field(self, "thickness", _positives("thickness", self.thickness))
@@ -102,6 +111,27 @@ class FlatGlass:
     def media(self) -> tuple[float, ...]:
         """The ior of every medium, top to bottom."""
         return (self.ior_above, *self.ior, self.ior_below)
+
+    def recoloured(self, glass: Recolour, contents: Recolour) -> FlatGlass:
+        """The same glass as light of another colour finds it."""
+        layers = tuple(map(glass, self.ior))
+        return replace(self, ior=layers, ior_below=contents(self.ior_below))
+
+    @property
+    def unbounded(self) -> FlatGlass:
+        """The same without its outline."""
+        return replace(self, outline=None)
+
+    def encloses(self, points: NDArray[np.float64], margin: float) -> NDArray[np.bool_]:
+        """Which points (N, 3) lie within the outline and all layers.
+
+        ``margin`` : how far inside they must be at the least, in parts of the glass's size.
+        """
+        z, thickness = points[:, 2], sum(self.thickness)
+        low, high = np.min(self.outline, axis=0), np.max(self.outline, axis=0)
+        within = np.all((points[:, :2] > low) & (points[:, :2] < high), axis=1)
+        skin = margin * thickness
+        return within & (z < -skin) & (z > skin - thickness)
 
     @property
     def heights(self) -> NDArray[np.float64]:
@@ -133,6 +163,9 @@ class _Coaxial:
     ior: tuple[float, ...]
     ior_outside: float
 
+    names_interfaces: ClassVar[bool] = False
+    has_contents: ClassVar[bool] = True
+
     def _check(self) -> None:
         set_field = object.__setattr__
         set_field(self, "radius", _positives("radius", self.radius))
@@ -148,6 +181,20 @@ class _Coaxial:
     def media(self) -> tuple[float, ...]:
         """The ior of every medium, outside to core."""
         return (self.ior_outside, *self.ior)
+
+    def recoloured(self, glass: Recolour, contents: Recolour) -> Glass:
+        """The same glass as light of another colour finds it."""
+        first, *others = self.ior
+        return replace(self, ior=(glass(first), *map(contents, others)))
+
+    @property
+    def unbounded(self) -> Glass:
+        """The same without ends."""
+        return self
+
+    def encloses(self, points: NDArray[np.float64], margin: float) -> NDArray[np.bool_]:
+        """Which points (N, 3) lie within the outer surface; ``margin`` as of `FlatGlass`."""
+        return self.distance_from_axis(points) < self.radius[0] * (1 - margin)
 
     def distance_from_axis(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of each point (..., 3) from the axis or centre, in metres."""
@@ -197,6 +244,16 @@ class CylinderGlass(_Coaxial):
     def __post_init__(self) -> None:
         self._check()
         object.__setattr__(self, "extent", _extent(self.extent))
+
+    @property
+    def unbounded(self) -> CylinderGlass:
+        return replace(self, extent=None)
+
+    def encloses(self, points: NDArray[np.float64], margin: float) -> NDArray[np.bool_]:
+        low, high = self.extent
+        skin = margin * (high - low)
+        within = (points[:, 2] > low + skin) & (points[:, 2] < high - skin)
+        return super().encloses(points, margin) & within
 
     def distance_from_axis(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         x, y = points[..., 0], points[..., 1]

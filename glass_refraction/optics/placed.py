@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +65,8 @@ class PlacedGlass:
     absorption: ArrayLike | None = None
     priority: int = 0
     roughness: float = 0.0
+
+    is_mesh: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         pose = np.array(self.pose, dtype=float)
@@ -141,6 +144,8 @@ class PlacedMesh:
     roughness: float = 0.0
     box: ArrayLike | None = None
     tints: ArrayLike | None = None
+
+    is_mesh: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ior", _positive("ior", self.ior))

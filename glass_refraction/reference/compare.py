@@ -15,9 +15,9 @@ import numpy as np
 from ..scene.build.own_scenes import find_own_scenes
 from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import read_glasses
-from ..scene.read.mesh_glasses import MeshGlass
 from ..scene.read.viewpoint import border_window, read_viewpoint, samples_setting
-from ..scene.update import Status, effective_shading, kept_paths, memory_of, status
+from ..scene.update import Status, effective_shading, memory_of, status
+from ..scene.vertices.kept_paths import bright_paths
 from ..scene.vertices.path_keys import path_key, path_of
 from ..scene.vertices.regions import left_out_pixels, region_masks
 from .cycles import rendering_direct, rendering_reference, scene_depsgraph
@@ -31,7 +31,6 @@ def compare(
     folder: Path | str,
     *,
     samples: int | None = None,
-    surface: str | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> dict:
     """Render the current frame as F12 would and with real glass in Cycles, and write a report.
@@ -40,7 +39,6 @@ def compare(
     ----------
     folder : for ``report.json``, ``report.md`` and the pictures; made if need be.
     samples : per pixel, of both pictures; by default the scene's own number.
-    surface : "GLASS" or "REFRACTION", of the real glass; by default the scene's setting.
     progress : called with the part done, from 0 to 1, and what comes next, in words.
 
     Returns
@@ -56,7 +54,7 @@ def compare(
     OSError
         The folder cannot be written.
     """
-    steps = comparing(scene, folder, samples=samples, surface=surface, progress=progress)
+    steps = comparing(scene, folder, samples=samples, progress=progress)
     return finished(steps)
 
 
@@ -65,7 +63,6 @@ def comparing(
     folder: Path | str,
     *,
     samples: int | None = None,
-    surface: str | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Generator[Request, object, dict]:
     """:func:`compare` in steps, for who lets Blender's window go on meanwhile.
@@ -73,7 +70,7 @@ def comparing(
     Closed before its end it leaves the scene as it was.
     """
     report_progress = progress or (lambda share, label: None)
-    surface = surface or scene.refractive_glass.surface
+    surface = scene.refractive_glass.surface
     check_comparable(scene)
     Path(folder).mkdir(parents=True, exist_ok=True)
 
@@ -92,7 +89,7 @@ def comparing(
         if found.paths:
             paths = tuple(path_of(key) for key in found.paths)
             left_out = left_out_pixels(scene, scene_depsgraph(scene), paths)
-        path_names = _path_names(scene, found)
+        path_names = yield _path_names(scene, found)
         report_progress(1 / 4, "the picture without glass")
         _, direct = yield from _timed(rendering_direct(scene))
     references = []
@@ -182,19 +179,21 @@ def _engines(scene: bpy.types.Scene) -> list[str]:
     return sorted({s.render.engine for s in (scene, *drawn)})
 
 
-def _path_names(scene: bpy.types.Scene, found: Status) -> list[str]:
-    """The light paths of the picture; in True shading those of closed forms that carry enough."""
+def _path_names(scene: bpy.types.Scene, found: Status) -> Callable[[], list[str]]:
+    """Lists the picture's light paths; in True shading those of closed forms that carry enough."""
     if found.paths:
-        return list(found.paths)
+        return lambda: list(found.paths)
     depsgraph = scene_depsgraph(scene)
     view = read_viewpoint(scene, depsgraph)
-    names = (
-        path_key(path)
-        for glass in read_glasses(depsgraph, [])
-        if not isinstance(glass.description, MeshGlass)
-        for path in kept_paths(scene, glass, view)
-    )
-    return list(dict.fromkeys(names))
+    glasses = [g for g in read_glasses(depsgraph, []) if not g.is_mesh]
+    settings = scene.refractive_glass
+    least, fresnel = settings.min_weight, settings.surface == "GLASS"
+
+    def names() -> list[str]:
+        found = (bright_paths(glass, view, least, fresnel) for glass in glasses)
+        return list(dict.fromkeys(path_key(path) for paths in found for path in paths))
+
+    return names
 
 
 @contextmanager

@@ -13,16 +13,15 @@ from mathutils import Matrix
 
 from .. import optics
 from ..scene.build.shaders import math_node
-from ..scene.names import TAG, RefractiveGlassError, own
+from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
-from ..scene.read.mesh_glasses import CLEAR, MeshGlass
+from ..scene.read.mesh_glasses import CLEAR
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .glass_mesh import Surface, fill_mesh, glass_surfaces
 from .interfaces import interfaces, overlapping
 from .picture import Request, finished, rendering_picture
 
-ROLE = "reference"
 """Value of the tag on every temporary data-block; handlers leave these alone."""
 
 SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefraction"}
@@ -145,7 +144,7 @@ def rendering_reference(
         made = [
             _glass_object(glass, style, materials, temporary)
             for glass in alone
-            if not isinstance(glass.description, MeshGlass)
+            if not glass.is_mesh
         ]
         if joint:
             made.append(_joint_object(joint, style, materials, temporary))
@@ -155,13 +154,8 @@ def rendering_reference(
         return (yield from rendering_picture(reference))
 
 
-def render_direct(scene: bpy.types.Scene) -> np.ndarray:
-    """The scene's current frame without its glasses, by its own engine: (H, W, 4) as above."""
-    return finished(rendering_direct(scene))
-
-
 def rendering_direct(scene: bpy.types.Scene) -> Generator[Request, object, np.ndarray]:
-    """:func:`render_direct` in steps, for who lets Blender's window go on meanwhile."""
+    """The scene's current frame without its glasses, by its own engine: (H, W, 4), in steps."""
     closed, meshes = _objects(read_glasses(scene_depsgraph(scene), []))
     with _reference_scene(scene) as direct, ExitStack() as temporary:
         for obj in (*closed, *meshes):
@@ -176,7 +170,7 @@ def _objects(
     found = {glass.name: glass for glass in glasses}
     pairs = [(bpy.data.objects.get(name), glass) for name, glass in found.items()]
     pairs = [(obj, glass) for obj, glass in pairs if obj is not None]
-    closed = [obj for obj, glass in pairs if not isinstance(glass.description, MeshGlass)]
+    closed = [obj for obj, glass in pairs if not glass.is_mesh]
     return closed, {obj: glass for obj, glass in pairs if obj not in closed}
 
 
@@ -255,7 +249,7 @@ def _reference_scene(scene: bpy.types.Scene) -> Iterator[bpy.types.Scene]:
     kept = main_view_layer(scene).name
     reference = scene.copy()
     try:
-        reference[TAG] = ROLE
+        reference[TAG] = REFERENCE
         for layer in list(reference.view_layers):
             if layer.name != kept:
                 reference.view_layers.remove(layer)
@@ -358,7 +352,7 @@ def _joint_object(
 def _look(glass: Glass) -> tuple[float, tuple[float, float, float]]:
     """Roughness and colour of a glass's surface."""
     mesh = glass.description
-    return (mesh.roughness, mesh.refracted) if isinstance(mesh, MeshGlass) else (0.0, CLEAR)
+    return (mesh.roughness, mesh.refracted) if glass.is_mesh else (0.0, CLEAR)
 
 
 def _object_of(
@@ -370,9 +364,9 @@ def _object_of(
     temporary: ExitStack,
 ) -> bpy.types.Object:
     """An object of surfaces, each of the material of its kind, see `_kind`."""
-    mesh = bpy.data.meshes.new(f"{name} {ROLE}")
+    mesh = bpy.data.meshes.new(f"{name} {REFERENCE}")
     temporary.callback(bpy.data.meshes.remove, mesh)
-    mesh[TAG] = ROLE
+    mesh[TAG] = REFERENCE
     fill_mesh(mesh, surfaces)
     slots: dict[tuple, int] = {}
     for kind in kinds:
@@ -391,7 +385,7 @@ def _object_of(
     mesh.polygons.foreach_set("material_index", index)
     obj = bpy.data.objects.new(mesh.name, mesh)
     temporary.callback(bpy.data.objects.remove, obj)
-    obj[TAG] = ROLE
+    obj[TAG] = REFERENCE
     return obj
 
 
@@ -442,8 +436,8 @@ def _glass_material(
     ``before`` and ``behind`` are the absorption coefficients (red, green, blue, per metre) of the
     media at its front and back, or None: what a ray lost on its way to the surface, it loses there.
     """
-    material = bpy.data.materials.new(f"{style.surface.title()} {eta:g} {ROLE}")
-    material[TAG] = ROLE
+    material = bpy.data.materials.new(f"{style.surface.title()} {eta:g} {REFERENCE}")
+    material[TAG] = REFERENCE
     tree = material.node_tree
     tree.nodes.clear()
     shader = tree.nodes.new(SURFACES[style.surface])

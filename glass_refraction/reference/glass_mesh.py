@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 
 import bpy
 import numpy as np
@@ -101,14 +102,12 @@ def glass_surfaces(
         raise ValueError(f"segments must be at least 4, not {segments}")
     if not reach > 0:
         raise ValueError(f"reach must be positive, not {reach:g}")
-    if isinstance(glass, FlatGlass):
-        return _flat(glass, reach)
-    if isinstance(glass, CylinderGlass):
-        return _cylinder(glass, segments or CYLINDER_SEGMENTS, reach)
-    if isinstance(glass, SphereGlass):
-        return _sphere(glass, segments or SPHERE_SEGMENTS)
-    if isinstance(glass, AxialGlass):
-        return _axial(glass, segments)
+    return _surfaces(glass, segments, reach)
+
+
+@singledispatch
+def _surfaces(glass, segments: int | None, reach: float) -> tuple[Surface, ...]:
+    """What `glass_surfaces` returns; a shape registers its own."""
     raise TypeError(f"no mesh for a glass of type {type(glass).__name__}")
 
 
@@ -132,7 +131,8 @@ def fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
     attribute.data.foreach_set("vector", normals.astype(np.float32).ravel())
 
 
-def _flat(glass: FlatGlass, reach: float) -> tuple[Surface, ...]:
+@_surfaces.register
+def _(glass: FlatGlass, _segments: int | None, reach: float) -> tuple[Surface, ...]:
     """Interfaces from the top down, then the sides of each layer."""
     if glass.outline is None:
         outline = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * float(reach)
@@ -152,10 +152,11 @@ def _flat(glass: FlatGlass, reach: float) -> tuple[Surface, ...]:
     return tuple(surfaces)
 
 
-def _cylinder(glass: CylinderGlass, segments: int, reach: float) -> tuple[Surface, ...]:
+@_surfaces.register
+def _(glass: CylinderGlass, segments: int | None, reach: float) -> tuple[Surface, ...]:
     """Walls from the outside in, then the upper and lower rim of each layer."""
     z0, z1 = (-float(reach), float(reach)) if glass.extent is None else glass.extent
-    circle = _unit_circle(segments)
+    circle = _unit_circle(segments or CYLINDER_SEGMENTS)
     surfaces = []
     for i, radius in enumerate(glass.radius):
         inside, outside = glass.media[i + 1], glass.media[i]
@@ -173,9 +174,10 @@ def _cylinder(glass: CylinderGlass, segments: int, reach: float) -> tuple[Surfac
     return tuple(surfaces)
 
 
-def _sphere(glass: SphereGlass, segments: int) -> tuple[Surface, ...]:
+@_surfaces.register
+def _(glass: SphereGlass, segments: int | None, _reach: float) -> tuple[Surface, ...]:
     """Shells from the outside in."""
-    directions, corners = _cube_sphere(-(-segments // 4))
+    directions, corners = _cube_sphere(-(-(segments or SPHERE_SEGMENTS) // 4))
     surfaces = []
     for i, radius in enumerate(glass.radius):
         shell = Surface(
@@ -191,7 +193,8 @@ def _sphere(glass: SphereGlass, segments: int) -> tuple[Surface, ...]:
     return tuple(surfaces)
 
 
-def _axial(glass: AxialGlass, segments: int | None) -> tuple[Surface, ...]:
+@_surfaces.register
+def _(glass: AxialGlass, segments: int | None, _reach: float) -> tuple[Surface, ...]:
     """Every interface once, by its name: lathed sections that share their ends."""
     straight = all(isinstance(part.surface, (Cylinder, Plane)) for part in glass.interfaces)
     segments = segments or (CYLINDER_SEGMENTS if straight else PROFILE_SEGMENTS)

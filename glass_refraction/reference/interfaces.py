@@ -23,7 +23,7 @@ from mathutils.geometry import delaunay_2d_cdt
 from .. import optics
 from ..scene.rays.frame import placed_glasses
 from ..scene.read.glasses import Glass, as_body
-from ..scene.read.mesh_glasses import MeshGlass, triangles_of
+from ..scene.read.mesh_glasses import triangles_of
 from .glass_mesh import fill_mesh, glass_surfaces
 
 SKIN = 1e-4
@@ -77,7 +77,7 @@ class _Shell:
 
     def __init__(self, glass: Glass, placed: optics.Placed) -> None:
         self.placed = placed
-        if isinstance(glass.description, MeshGlass):
+        if glass.is_mesh:
             self.points, self.normals = glass.description.points, glass.description.normals
         else:
             points, normals = _closed_form(glass)
@@ -104,7 +104,7 @@ class _Shell:
         """(N,) its medium at world points (N, 3), 0 outside it."""
         found = np.zeros(len(points), int)
         within = np.flatnonzero(np.all((points >= self.box[0]) & (points <= self.box[1]), axis=1))
-        if isinstance(self.placed, optics.PlacedGlass):
+        if not self.placed.is_mesh:
             turn, middle = self.placed.pose[:3, :3], self.placed.pose[:3, 3]
             found[within] = self.placed.body.medium_at((points[within] - middle) @ turn)
             return found
@@ -204,7 +204,7 @@ def interfaces(glasses: Sequence[Glass]) -> Interfaces:
     ]
     for number, one in enumerate(placed):
         # A mesh's own faces tell, whatever else of it is near.
-        if isinstance(one, optics.PlacedMesh):
+        if one.is_mesh:
             for side, medium in zip(sides, (0, 1), strict=True):
                 side[number, owner == number] = medium
     changes = sides[0] != sides[1]

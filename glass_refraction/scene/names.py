@@ -10,6 +10,9 @@ import bpy
 TAG = "refractive_glass"
 """Custom property on every data-block that the extension made; its value is the block's role."""
 
+REFERENCE = "reference"
+"""Role of what a comparison makes, and removes itself."""
+
 MODIFIER = "Refractive Glass"
 COPY_GROUP = "Refractive Glass Copy"
 OCCLUDER_GROUP = "Refractive Glass Occluder"

@@ -1,78 +1,113 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The modifier as an asset: a library in the preferences, for who asks for it by a button."""
+"""The modifier and everyday glasses as assets: libraries in the preferences, by a button."""
 
 from __future__ import annotations
 
+import shutil
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 from bpy.app.translations import pgettext_rpt as _rpt
 
-from ..scene.names import NODE_GROUPS
+from ..scene.memory import Step
+from ..scene.names import NODE_GROUPS, RefractiveGlassError
+from .everyday_assets import writing
+from .stepwise import Steps, Stepwise
 
-NAME = "Refractive Glass"
+NAME, EVERYDAY = "Refractive Glass", "Everyday Glasses"
+_FILE = "everyday.blend"
+PAUSE_SECONDS = 0.02
+"""Between two looks at whether the file is written."""
 _PACKAGE = __package__.removesuffix(".glass_refraction.ui").removesuffix(".ui")
 
 
-def find_library() -> bpy.types.UserAssetLibrary | None:
-    """The extension's library in the preferences, whatever its name."""
-    for library in bpy.context.preferences.filepaths.asset_libraries:
-        if library.path and Path(bpy.path.abspath(library.path)).resolve() == NODE_GROUPS.parent:
-            return library
-    return None
+def everyday_folder() -> Path:
+    """Where the file of everyday glasses is written: the extension's place for users' files."""
+    try:
+        return Path(bpy.utils.extension_path_user(_PACKAGE, path="assets"))
+    except ValueError:
+        # Not installed as an extension.
+        return Path(bpy.utils.user_resource("DATAFILES", path="refractive_glass/assets"))
 
 
-def remove_library() -> bool:
-    """Take the library out of the preferences; whether it was there."""
-    library = find_library()
-    if library is None:
-        return False
-    bpy.context.preferences.filepaths.asset_libraries.remove(library)
-    bpy.context.preferences.is_dirty = True
-    return True
+def find_libraries() -> list[bpy.types.UserAssetLibrary]:
+    """The extension's libraries in the preferences, whatever their names."""
+    folders = (NODE_GROUPS.parent, everyday_folder().resolve())
+    return [
+        library
+        for library in bpy.context.preferences.filepaths.asset_libraries
+        if library.path and Path(bpy.path.abspath(library.path)).resolve() in folders
+    ]
 
 
-class PREFERENCES_OT_refractive_glass_asset_library_add(bpy.types.Operator):
-    """List the Refractive Glass modifier in the asset browser, until this is undone or the \
-extension is disabled"""
+def remove_libraries() -> bool:
+    """Take the libraries out of the preferences; whether any was there."""
+    found = find_libraries()
+    for path in sorted((library.path for library in found), reverse=True):
+        libraries = bpy.context.preferences.filepaths.asset_libraries
+        libraries.remove(next(library for library in libraries if library.path == path))
+    if found:
+        bpy.context.preferences.is_dirty = True
+        shutil.rmtree(everyday_folder(), ignore_errors=True)
+    return bool(found)
+
+
+class PREFERENCES_OT_refractive_glass_asset_library_add(Stepwise, bpy.types.Operator):
+    """List the Refractive Glass modifier and the everyday glasses in the asset browser, until \
+this is taken back or the extension is disabled"""
 
     bl_idname = "preferences.refractive_glass_asset_library_add"
     bl_label = "Add Refractive Glass Asset Library"
+    look_seconds = 0.1
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        if find_library() is not None:
+        if find_libraries():
             cls.poll_message_set(_rpt("The asset library is there already"))
             return False
         return True
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        context.preferences.filepaths.asset_libraries.new(
-            name=NAME, directory=str(NODE_GROUPS.parent)
-        )
+    def _steps(self, context: bpy.types.Context) -> Steps:
+        folder = everyday_folder()
+        work = writing(folder / _FILE)
+        try:
+            while work.poll() is None:
+                yield Step(0.0, "the everyday glasses")
+                time.sleep(PAUSE_SECONDS)
+        finally:
+            # Nobody waits for it any more where this was cancelled.
+            work.kill()
+        if work.returncode:
+            raise RefractiveGlassError(f"The everyday glasses could not be written to {folder}")
+        filepaths = context.preferences.filepaths
+        for name, place in ((NAME, NODE_GROUPS.parent), (EVERYDAY, folder)):
+            filepaths.asset_libraries.new(name=name, directory=str(place))
         context.preferences.is_dirty = True
-        self.report(
-            {"INFO"}, _rpt("The modifier is listed in the asset browser, library {}").format(NAME)
-        )
+
+    def _end(self, _found: None) -> set[str]:
+        said = _rpt("Listed in the asset browser: {} and {}").format(NAME, EVERYDAY)
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
 
 class PREFERENCES_OT_refractive_glass_asset_library_remove(bpy.types.Operator):
-    """Take the Refractive Glass modifier out of the asset browser again; files keep theirs"""
+    """Take the Refractive Glass modifier and the everyday glasses out of the asset browser again; \
+files keep theirs"""
 
     bl_idname = "preferences.refractive_glass_asset_library_remove"
     bl_label = "Remove Refractive Glass Asset Library"
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        if find_library() is None:
+        if not find_libraries():
             cls.poll_message_set(_rpt("The asset library is not there"))
             return False
         return True
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        remove_library()
+        remove_libraries()
         return {"FINISHED"}
 
 
@@ -91,10 +126,10 @@ class RefractiveGlassPreferences(bpy.types.AddonPreferences):
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
         column.prop(self, "show_first_glass")
-        column.label(text="The modifier in the asset browser, to be dragged onto objects")
+        column.label(text="Modifier and everyday glasses in the asset browser")
         here = PREFERENCES_OT_refractive_glass_asset_library_add
         gone = PREFERENCES_OT_refractive_glass_asset_library_remove
-        chosen = here if find_library() is None else gone
+        chosen = here if not find_libraries() else gone
         column.operator(chosen.bl_idname, icon="ASSET_MANAGER")
 
 
@@ -121,11 +156,11 @@ _register, _unregister = bpy.utils.register_classes_factory(
 
 
 def register() -> None:
-    """Register the operators and the preferences; the library itself only when asked for."""
+    """Register the operators and the preferences; the libraries only when asked for."""
     _register()
 
 
 def unregister() -> None:
-    """Undo :func:`register`; the library goes with the extension."""
-    remove_library()
+    """Undo :func:`register`; the libraries go with the extension."""
+    remove_libraries()
     _unregister()

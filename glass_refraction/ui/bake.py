@@ -7,12 +7,14 @@ import bpy
 
 from ..scene import update as door
 from ..scene.bake.baking import Baking, free
-from ..scene.bake.files import frame_ranges, geometry_bytes
+from ..scene.bake.files import Contents, frame_ranges, geometry_bytes
 from ..scene.bake.playback import baked
+from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
+from .stepwise import Steps, Stepwise
 
 
-class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
+class SCENE_OT_refractive_glass_bake(Stepwise, bpy.types.Operator):
     """Store what is seen through the glasses in files, which render without the extension"""
 
     bl_idname = "scene.refractive_glass_bake"
@@ -36,87 +38,30 @@ class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return context.scene.library is None and not own(context.scene)
 
-    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
-        if not self._start(context):
-            return {"CANCELLED"}
-        manager = context.window_manager
-        manager.modal_handler_add(self)
-        self._timer = manager.event_timer_add(0.01, window=context.window)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "ESC":
-            self.cancel(context)
-            self.report({"WARNING"}, "Baking was cancelled")
-            return {"CANCELLED"}
-        if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
-        try:
-            self._step(context)
-        except (RefractiveGlassError, RuntimeError, OSError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return self._finish(context) if self._baking.frame is None else {"RUNNING_MODAL"}
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        if not self._start(context):
-            return {"CANCELLED"}
-        self._timer = None
-        try:
-            while self._baking.frame is not None:
-                self._step(context)
-        except (RefractiveGlassError, RuntimeError, OSError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return self._finish(context)
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Also called by Blender, when it closes the window that the operator runs in."""
-        self._tidy(context)
-        self._baking.cancel()
-
-    def _start(self, context: bpy.types.Context) -> bool:
+    def _steps(self, context: bpy.types.Context) -> Steps:
         scene = context.scene
+        if bpy.app.is_job_running("RENDER"):
+            raise RefractiveGlassError("A render is running: bake when it has ended")
+        baking = Baking(
+            scene,
+            context.evaluated_depsgraph_get(),
+            self.directory,
+            scene.frame_start if self.frame_start < 0 else self.frame_start,
+            scene.frame_end if self.frame_end < 0 else self.frame_end,
+        )
         try:
-            if bpy.app.is_job_running("RENDER"):
-                raise RefractiveGlassError("A render is running: bake when it has ended")
-            self._baking = Baking(
-                scene,
-                context.evaluated_depsgraph_get(),
-                self.directory,
-                scene.frame_start if self.frame_start < 0 else self.frame_start,
-                scene.frame_end if self.frame_end < 0 else self.frame_end,
-            )
-        except (RefractiveGlassError, OSError) as error:
-            self.report({"ERROR"}, str(error))
-            return False
-        context.window_manager.progress_begin(0, 100)
-        return True
-
-    def _step(self, context: bpy.types.Context) -> None:
-        baking = self._baking
-        if context.workspace is not None:
-            context.workspace.status_text_set(
-                f"Refractive Glass: baking frame {baking.frame} of {baking.frames[0]} to "
-                f"{baking.frames[-1]}; Esc cancels"
-            )
-        try:
-            baking.step()
+            while baking.frame is not None:
+                yield Step(baking.share, f"{baking.frame} / {baking.frames[-1]}")
+                baking.step()
+            dropped = frame_ranges(baking.dropped)
         except BaseException:
             # Whatever it is: the scene must not be left as one that is being baked.
-            self.cancel(context)
+            baking.cancel()
             raise
-        context.window_manager.progress_update(int(100 * baking.share))
+        return baking, dropped, baking.finish()
 
-    def _finish(self, context: bpy.types.Context) -> set[str]:
-        baking = self._baking
-        dropped = frame_ranges(baking.dropped)
-        self._tidy(context)
-        try:
-            contents = baking.finish()
-        except (RefractiveGlassError, OSError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+    def _end(self, found: tuple[Baking, str, Contents]) -> set[str]:
+        baking, dropped, contents = found
         for problem in baking.problems:
             self.report({"WARNING"}, problem)
         if dropped:
@@ -125,15 +70,6 @@ class SCENE_OT_refractive_glass_bake(bpy.types.Operator):
         size = f"{1e-6 * geometry_bytes(baking.folder):,.1f} MB"
         self.report({"INFO"}, f"Baked frames {frames} in {baking.directory}, {size}: save the file")
         return {"FINISHED"}
-
-    def _tidy(self, context: bpy.types.Context) -> None:
-        manager = context.window_manager
-        manager.progress_end()
-        if self._timer is not None:
-            manager.event_timer_remove(self._timer)
-            self._timer = None
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
 
 
 class SCENE_OT_refractive_glass_bake_free(bpy.types.Operator):

@@ -3,22 +3,23 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import bpy
 from bpy.app.translations import pgettext_rpt as _rpt
 
+from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
+from .stepwise import Steps, Stepwise
 
 PICTURE = "comparison.png"
 """The strip, of the files that a comparison writes."""
-LOOK_SECONDS = 0.1
-"""Between two looks at whether a render has ended."""
-_TROUBLE = (RefractiveGlassError, RuntimeError, OSError)
 
 
-class SCENE_OT_refractive_glass_compare(bpy.types.Operator):
+class SCENE_OT_refractive_glass_compare(Stepwise, bpy.types.Operator):
     """Render the frame again with real glass in Cycles, and show both pictures and their \
 difference"""
 
@@ -41,11 +42,9 @@ difference"""
         options={"HIDDEN", "SKIP_SAVE"},
     )
 
+    look_seconds = 0.1
     _chosen = False
     """Whether the folder was asked for, and Blender calls with the answer."""
-    _steps = None
-    _said: str | None = None
-    """What the status bar says; renders that go on say their own there."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -57,7 +56,7 @@ difference"""
             return False
         return True
 
-    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         # The reference is a tool of its own; nothing of it loads before it is asked for.
         from ..reference.compare import check_comparable
 
@@ -67,7 +66,7 @@ difference"""
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if self.properties.is_property_set("directory"):
-            return self._begin(context)
+            return super().invoke(context, event)
         self._chosen = True
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
@@ -77,23 +76,7 @@ difference"""
             return bpy.ops.scene.refractive_glass_compare(
                 "INVOKE_DEFAULT", directory=self.directory, samples=self.samples
             )
-        from ..reference.compare import compare
-
-        manager = context.window_manager
-        manager.progress_begin(0, 100)
-        try:
-            found = compare(
-                context.scene,
-                self._folder(),
-                samples=self.samples or None,
-                progress=lambda share, _label: manager.progress_update(int(100 * share)),
-            )
-        except _TROUBLE as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        finally:
-            manager.progress_end()
-        return self._end(found)
+        return super().execute(context)
 
     def _folder(self) -> Path:
         return Path(bpy.path.abspath(self.directory or "//refractive_glass_compare"))
@@ -101,87 +84,58 @@ difference"""
     def _end(self, found: dict) -> set[str]:
         said = _rpt("PSNR {:.1f} dB, report in {}").format(found["psnr_db"], self._folder())
         self.report({"INFO"}, said)
-        return {"FINISHED"}
-
-    def _begin(self, context: bpy.types.Context) -> set[str]:
-        """Start what :meth:`modal` goes on with."""
-        from ..reference.compare import comparing
-
-        self._steps = comparing(
-            context.scene,
-            self._folder(),
-            samples=self.samples or None,
-            progress=lambda share, label: self._tell(context, share, label),
-        )
-        self._work: Future | None = None
-        self._stopped = False
-        self._threads = ThreadPoolExecutor(max_workers=1)
-        view = context.preferences.view
-        self._display = view.render_display_type
-        # The pictures go on to the comparison; Blender's status bar shows how far each is.
-        view.render_display_type = "NONE"
-        manager = context.window_manager
-        self._timer = manager.event_timer_add(LOOK_SECONDS, window=context.window)
-        manager.progress_begin(0, 100)
-        manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def _tell(self, context: bpy.types.Context, share: float, label: str) -> None:
-        context.window_manager.progress_update(int(100 * share))
-        self._said = _rpt("Compare ({:.0%}): {}   Esc: cancel").format(share, _rpt(label))
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        # A render that goes on takes Esc for itself, and ends without a picture.
-        if event.type == "ESC":
-            self._stopped = True
-        if event.type == "TIMER" and self._said is not None:
-            context.workspace.status_text_set(self._said)
-        if event.type != "TIMER" or bpy.app.is_job_running("RENDER"):
-            return {"RUNNING_MODAL"}
-        if self._work is not None and not self._work.done():
-            return {"RUNNING_MODAL"}
-        if self._stopped:
-            self.cancel(context)
-            self.report({"WARNING"}, _rpt("The comparison was cancelled"))
-            return {"CANCELLED"}
-        try:
-            value, self._work = None if self._work is None else self._work.result(), None
-            self._ask(self._steps.send(value))
-        except StopIteration as end:
-            self.cancel(context)
+        if self._is_modal:
             path = self._folder() / PICTURE
             # A window that opens within a modal operator keeps the operator from ending.
             bpy.app.timers.register(lambda: show_picture(path), first_interval=0.0)
-            return self._end(end.value)
-        except _TROUBLE as error:
-            self.cancel(context)
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        except BaseException:
-            # Whatever it is: the scene must not be left as it is rendered for a comparison.
-            self.cancel(context)
-            raise
-        return {"RUNNING_MODAL"}
+        return {"FINISHED"}
 
-    def _ask(self, request) -> None:
-        """Begin what the steps ask for; it goes on while Blender draws."""
-        if isinstance(request, bpy.types.Scene):
-            bpy.ops.render.render("INVOKE_DEFAULT", write_still=True, scene=request.name)
-        else:
-            self._work = self._threads.submit(request)
+    def _steps(self, context: bpy.types.Context) -> Steps:
+        from ..reference.compare import comparing
 
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Leave all as it was. Also called by Blender, when it closes the operator's window, and
-        where no folder was chosen."""
-        if self._steps is None:
-            return
-        self._steps.close()
-        self._threads.shutdown()
-        context.preferences.view.render_display_type = self._display
-        context.window_manager.event_timer_remove(self._timer)
-        context.window_manager.progress_end()
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
+        told = Step(0.0, "")
+
+        def progress(share: float, label: str) -> None:
+            nonlocal told
+            told = Step(share, label)
+
+        steps = comparing(
+            context.scene, self._folder(), samples=self.samples or None, progress=progress
+        )
+        value = None
+        yield told
+        with closing(steps), ThreadPoolExecutor(max_workers=1) as threads, _no_window():
+            while True:
+                try:
+                    request = steps.send(value)
+                except StopIteration as end:
+                    return end.value
+                if isinstance(request, bpy.types.Scene):
+                    how = "INVOKE_DEFAULT" if self._is_modal else "EXEC_DEFAULT"
+                    bpy.ops.render.render(how, write_still=True, scene=request.name)
+                    value = None
+                    while bpy.app.is_job_running("RENDER"):
+                        yield None
+                else:
+                    work = threads.submit(request)
+                    while not work.done():
+                        yield None
+                    value = work.result()
+                # A place where it may be closed.
+                yield told
+
+
+@contextmanager
+def _no_window() -> Iterator[None]:
+    """Let renders open no window: their pictures go on to the comparison."""
+    view = bpy.context.preferences.view
+    display = view.render_display_type
+    # Blender's status bar shows how far each is.
+    view.render_display_type = "NONE"
+    try:
+        yield
+    finally:
+        view.render_display_type = display
 
 
 def show_picture(path: Path) -> None:

@@ -13,6 +13,7 @@ from .operators import (
     OBJECT_OT_refractive_glass_modifier_add,
 )
 from .presets import PRESETS
+from .starter import SCENE_OT_refractive_glass_starter
 
 _SHAPE_ICONS = {
     "SLAB": "MESH_PLANE",
@@ -41,6 +42,7 @@ class VIEW3D_MT_refractive_glass_add(bpy.types.Menu):
             operator.kind = preset.identifier
         layout.separator()
         layout.menu(VIEW3D_MT_refractive_glass_shapes.bl_idname)
+        layout.operator(SCENE_OT_refractive_glass_starter.bl_idname, icon="SCENE_DATA")
 
 
 class VIEW3D_MT_refractive_glass_shapes(bpy.types.Menu):

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import time
-
 import bpy
 import numpy as np
 from bpy.app.translations import pgettext_iface as _iface
@@ -13,7 +11,8 @@ from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ..scene import update as door
 from ..scene.build.materials import glass_material
-from ..scene.names import MODIFIER, RefractiveGlassError, load_group, own
+from ..scene.memory import Step
+from ..scene.names import MODIFIER, load_group, own
 from ..scene.read.arrays import positions
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.lathe import Lathe, lathe_of
@@ -28,6 +27,7 @@ from ..scene.read.orientation import orientation_of, turn_all, turn_outwards
 from ..scene.read.profile_curves import form_profile, turned_profile
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 from .overlay import show_first_glass
+from .stepwise import Steps, Stepwise
 
 SHAPES = (
     ("SLAB", "Slab", "A flat pane; a mesh's flat face is its outline"),
@@ -65,10 +65,6 @@ MIN_LENGTH, MAX_LENGTH = 1e-6, 1e6
 MAX_IOR = 100.0
 FLATNESS = 1e-4
 """Of a slab's outline, relative to its size."""
-
-SLICE_SECONDS = 0.05
-"""Work between two looks at the keyboard; one copy may take longer."""
-
 
 _LENGTH = {"subtype": "DISTANCE", "unit": "LENGTH", "precision": 4}
 
@@ -518,59 +514,16 @@ def _is_flat(obj: bpy.types.Object) -> bool:
     return bool(spread[1] > 0 and spread[2] <= FLATNESS * spread[0])
 
 
-class SCENE_OT_refractive_glass_update(bpy.types.Operator):
+class SCENE_OT_refractive_glass_update(Stepwise, bpy.types.Operator):
     """Bring what is seen through the scene's glasses up to date"""
 
     bl_idname = "scene.refractive_glass_update"
     bl_label = "Update Refractive Glass"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            return self._end(door.finished(self._steps_of(context)))
-        except RefractiveGlassError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-
-    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
-        try:
-            self._steps = self._steps_of(context)
-        except RefractiveGlassError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        manager = context.window_manager
-        self._timer = manager.event_timer_add(SLICE_SECONDS, window=context.window)
-        manager.progress_begin(0, 100)
-        manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "ESC":
-            self._steps.close()
-            self._tidy(context)
-            self.report({"WARNING"}, "Update of the refractive glass cancelled")
-            return {"CANCELLED"}
-        if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
-        until = time.perf_counter() + SLICE_SECONDS
-        try:
-            while time.perf_counter() < until:
-                step = next(self._steps)
-                context.window_manager.progress_update(int(100 * step.share))
-                context.workspace.status_text_set(
-                    f"Refractive glass: {step.label} ({step.share:.0%})   Esc: cancel"
-                )
-        except StopIteration as end:
-            self._tidy(context)
-            return self._end(end.value)
-        except RefractiveGlassError as error:
-            self._tidy(context)
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"RUNNING_MODAL"}
-
-    def _steps_of(self, context: bpy.types.Context):
+    def _steps(self, context: bpy.types.Context) -> Steps:
+        yield Step(0.0, "preparing")
         door.prepare(context.scene, context.evaluated_depsgraph_get(), strict=True)
-        return door.updating(context.scene, context.evaluated_depsgraph_get())
+        return (yield from door.updating(context.scene, context.evaluated_depsgraph_get()))
 
     def _end(self, found: door.Status) -> set[str]:
         for problem in found.problems:
@@ -581,11 +534,6 @@ class SCENE_OT_refractive_glass_update(bpy.types.Operator):
             said = said.format(found.vertices, 1e-3 * found.milliseconds)
         self.report({"INFO"}, said)
         return {"FINISHED"}
-
-    def _tidy(self, context: bpy.types.Context) -> None:
-        context.window_manager.event_timer_remove(self._timer)
-        context.window_manager.progress_end()
-        context.workspace.status_text_set(None)
 
 
 CLASSES = (

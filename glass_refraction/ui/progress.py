@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the extension is at while a render goes on, in the render's view and in the status bar.
+"""What the extension is at while a render goes on, in the render's view and in the status bar; Esc.
 
-Blender's own progress knows of its engines only: until these begin it stays at 0 %.
+Blender's own progress knows of its engines only: until these begin it stays at 0 %. Esc ends a
+render once the handlers in its thread have ended, of which Blender has no way to tell them.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ _SIZE = 13.0
 _LINE, _LETTER = 1.5, 0.6
 """Height of a line and mean width of a letter, in heights of letters."""
 _LEAST_LETTERS = 20
+_WATCH = "WM_OT_refractive_glass_watch"
 
 
 class _Shown:
@@ -62,10 +64,50 @@ def _look() -> float | None:
     if said != _shown.line:
         _show(said)
     if bpy.app.is_job_running("RENDER"):
+        _watch_windows()
         return LOOK_SECONDS
     if _shown.line is not None:
         _show(None)
     return None
+
+
+class WM_OT_refractive_glass_watch(bpy.types.Operator):
+    """Have Esc stop what is computed for the picture"""
+
+    bl_idname = "wm.refractive_glass_watch"
+    bl_label = "Watch for Esc"
+    bl_options = {"INTERNAL"}
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        return bpy.app.is_job_running("RENDER")
+
+    def invoke(self, context: bpy.types.Context, _event) -> set[str]:
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(LOOK_SECONDS, window=context.window)
+        manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        # Blender takes Esc for its own renders alike: in any window, with no other key.
+        others = event.shift or event.ctrl or event.alt or event.oskey
+        if event.type == "ESC" and event.value == "PRESS" and not others:
+            progress.ask_to_stop()
+        if bpy.app.is_job_running("RENDER"):
+            return {"PASS_THROUGH"}
+        self.cancel(context)
+        return {"FINISHED", "PASS_THROUGH"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        context.window_manager.event_timer_remove(self._timer)
+
+
+def _watch_windows() -> None:
+    """Have Esc noticed in every window; a render may have opened one."""
+    for window in bpy.context.window_manager.windows:
+        if all(o.bl_idname != _WATCH for o in window.modal_operators):
+            with bpy.context.temp_override(window=window):
+                bpy.ops.wm.refractive_glass_watch("INVOKE_DEFAULT")
 
 
 def _show(text: str | None) -> None:
@@ -108,7 +150,8 @@ def _on_render_init(*_) -> None:
 
 
 def register() -> None:
-    """Have each render tell what the extension is at, and its view what is wrong."""
+    """Have renders tell what the extension is at, heed Esc, and their view tell what is wrong."""
+    bpy.utils.register_class(WM_OT_refractive_glass_watch)
     bpy.app.handlers.render_init.append(_on_render_init)
     if not bpy.app.background:
         kind = bpy.types.SpaceImageEditor
@@ -123,3 +166,4 @@ def unregister() -> None:
     if _shown.handle is not None:
         bpy.types.SpaceImageEditor.draw_handler_remove(_shown.handle, "WINDOW")
         _shown.handle = None
+    bpy.utils.unregister_class(WM_OT_refractive_glass_watch)

@@ -39,6 +39,9 @@ PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 MIDDLE = 0.5
 """How much nearer to a thing a centre may lie for being nearer to the middle."""
 
+BLOCKED = 0.2
+"""Of the places in a glass: if things hide that many from its capture, it has a second one."""
+
 KEPT = 0.2
 """Of a glass's reach: a centre that much better is worth all faces anew."""
 LEAST_HALF = 1e-6
@@ -80,10 +83,18 @@ def is_drawing() -> bool:
 
 
 class Captures:
-    """The captures of a view's glasses, side by side in one texture."""
+    """The captures of a view's glasses, side by side in one texture.
+
+    Attributes
+    ----------
+    glasses : how many have captures. centres : of their captures, then of their second ones, as far
+        as there is room; `listed` tells which are there.
+    """
 
     def __init__(self) -> None:
+        self.glasses = 0
         self.centres: list[np.ndarray] = []
+        self._seconds: set[int] = set()
         self.side = 0
         self.version = 0
         self.seconds = 0.0
@@ -112,7 +123,7 @@ class Captures:
 
     @property
     def total(self) -> int:
-        return FACES * len(self.centres)
+        return FACES * (self.glasses + len(self._seconds))
 
     def listed(self) -> list[tuple[np.ndarray, int]]:
         """Centre and side of each, for `eye.pack_view`; side 0 until all its faces are drawn."""
@@ -134,14 +145,16 @@ class Captures:
             self._drawn.clear()
             self._face = None
             # As large as it will be: drivers compile shaders anew for textures of another kind.
-            self._make_atlas(FACES * side, max(1, len(glasses)) * side)
-            self.centres = [glass.middle() for glass in glasses]
+            self.glasses = len(glasses)
+            self.centres = [glass.middle() for glass in [*glasses, *glasses][:CAPTURES]]
+            self._seconds.clear()
+            self._make_atlas(FACES * side, max(1, len(self.centres)) * side)
         self._boxes = boxes
         self.outdate()
 
     def outdate(self) -> None:
         """The scene or its looks changed."""
-        self._stale = set(product(range(len(self.centres)), range(FACES)))
+        self._stale = set(product((*range(self.glasses), *self._seconds), range(FACES)))
 
     def draw(
         self,
@@ -160,14 +173,15 @@ class Captures:
         turned : (3, 3) from the world to the camera that brings its light, if one does.
         """
         number, face = min(self._stale)
-        if all((number, other) in self._stale for other in range(FACES)):
-            glass = glasses[number]
+        glass = glasses[number % self.glasses]
+        if number < self.glasses and all((number, k) in self._stale for k in range(FACES)):
             self.centres[number] = centre_of(glass, self._boxes, self.centres[number])
+            self._look_behind(number, glass)
         side, centre = self.side, self.centres[number]
         if self._face is None:
             self._face = gpu.types.GPUOffScreen(side, side, format="RGBA16F")
         scene, layer, space, region = view_3d
-        reach = glasses[number].reach()
+        reach = glass.reach()
         near, far = NEAR * reach, max(FAR * reach, space.clip_end)
         began = time.perf_counter()
         # The light of Solid shading comes with the camera. So the camera stands as the view's, and
@@ -203,6 +217,22 @@ class Captures:
         self._stale.discard((number, face))
         self._drawn.add((number, face))
         self.version += 1
+
+    def _look_behind(self, number: int, glass: Posed) -> None:
+        """See whether a glass needs a second capture, behind what hides much from its first."""
+        second = number + self.glasses
+        if second >= len(self.centres):
+            return
+        centre = second_centre_of(glass, self._boxes, self.centres[number])
+        faces = set(product((second,), range(FACES)))
+        if centre is None:
+            self._seconds.discard(second)
+            self._stale -= faces
+            self._drawn -= faces
+        else:
+            self._seconds.add(second)
+            self.centres[second] = centre
+            self._stale |= faces
 
     def _keep(self, number: int, face: int, depth, wire_depth, near: float, far: float) -> None:
         side = self.side
@@ -290,17 +320,42 @@ def centre_of(glass: Posed, boxes: list[Box], last: np.ndarray) -> np.ndarray:
     last : where the last capture was drawn from: it stays if it is nearly as good, so that faces
         that were drawn before go on to fit.
     """
+    places = np.concatenate((last[None], _places(glass)))
+    away = np.linalg.norm(places - glass.middle(), axis=1)
+    score = _room(glass, boxes, places) - MIDDLE * away
+    best = int(np.argmax(score))
+    return places[0 if score[best] - score[0] < KEPT * glass.reach() else best]
+
+
+def second_centre_of(glass: Posed, boxes: list[Box], first: np.ndarray) -> np.ndarray | None:
+    """(3,) the place that is far from all things among those that they hide from a first one.
+
+    None where little is hidden.
+    """
+    places = _places(glass)
+    hidden = np.zeros(len(places), bool)
+    for box in boxes:
+        # What holds the first place, a room for instance, hides nothing from it.
+        if box.distance(first[None])[0] > 0.0:
+            hidden |= box.lies_between(first, places)
+    if hidden.mean() < BLOCKED:
+        return None
+    return places[hidden][np.argmax(_room(glass, boxes, places[hidden]))]
+
+
+def _places(glass: Posed) -> np.ndarray:
+    """(N, 3) places in a glass, in the world."""
     low, high = glass.body.box
     parts = np.array(list(product(PLACES, repeat=3)))
-    places = (low + (high - low) * parts) @ glass.to_world[:3, :3].T + glass.to_world[:3, 3]
-    places = np.concatenate((last[None], places))
+    return (low + (high - low) * parts) @ glass.to_world[:3, :3].T + glass.to_world[:3, 3]
+
+
+def _room(glass: Posed, boxes: list[Box], places: np.ndarray) -> np.ndarray:
+    """Metres (N,) from places (N, 3) to the nearest thing, no more than the glass's reach."""
     room = np.full(len(places), glass.reach())
     for box in boxes:
         room = np.minimum(room, box.distance(places))
-    away = np.linalg.norm(places - glass.middle(), axis=1)
-    score = room - MIDDLE * away
-    best = int(np.argmax(score))
-    return places[0 if score[best] - score[0] < KEPT * glass.reach() else best]
+    return room
 
 
 @dataclass(frozen=True)
@@ -315,6 +370,15 @@ class Box:
         local = np.abs(places @ self.to_box[:3, :3].T + self.to_box[:3, 3]) - self.half
         outside = np.linalg.norm(np.maximum(local, 0.0), axis=1)
         return outside + np.minimum(local.max(axis=1), 0.0)
+
+    def lies_between(self, one: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """(N,) whether the box is met on the straight way from one place to each of (N, 3)."""
+        start = self.to_box[:3, :3] @ one + self.to_box[:3, 3]
+        way = (places - one) @ self.to_box[:3, :3].T
+        way = np.where(np.abs(way) < LEAST_HALF, LEAST_HALF, way)
+        ends = np.stack(((-self.half - start) / way, (self.half - start) / way))
+        enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        return np.maximum(enter, 0.0) <= np.minimum(leave, 1.0)
 
     def unit(self) -> np.ndarray:
         """(4, 4): from the world to a frame in which the box runs from -1 to 1."""

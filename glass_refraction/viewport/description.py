@@ -31,7 +31,7 @@ ROWS = 4096
 
 CYLINDER, PLANE, LID, SIDE, SHELL, PROFILE, MESH = range(7)
 
-GLASS_ROWS = 10
+GLASS_ROWS = 11
 INTERFACE_ROWS = 3
 MEDIUM_ROWS = 2
 THING_ROWS = 3
@@ -39,6 +39,9 @@ CHORD_ROWS = 2
 CUBIC_ROWS = 2
 BUNCH = 8
 """Chords of a profile that share a box, which rays are tested against first."""
+
+BOX_MARGIN = 1e-3
+"""By how much a glass's box is wider on each side, as part of its ball: rounding, and flat ones."""
 
 LEAST_SLOPE = 1e-5
 """Rise of a chord by its length that stands for a level one's 0: the shader divides by it."""
@@ -156,6 +159,7 @@ def pack(glasses: Sequence[Posed], frame: Frame) -> np.ndarray:
         record[8] = glass.body.scale / frame.unit, glass.capture, glass.outer, first + len(media)
         reflected = glass.body.reflected if _is_mesh(glass.body) else (1.0, 1.0, 1.0)
         record[9] = glass.priority, *reflected
+        record[10, :3] = 0.5 * (high - low) + BOX_MARGIN * record[1, 3]
         used = total
     block = np.zeros((ROWS, 4), np.float32)
     block[:used] = np.concatenate(rows)

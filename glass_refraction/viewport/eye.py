@@ -85,6 +85,7 @@ def pack_view(
     view: Viewpoint,
     frame: Frame,
     captures: list[tuple[np.ndarray, int]],
+    seconds: int,
     scene_reach: float,
 ) -> np.ndarray:
     """The shader's block of a view, float32; see ``View`` in :mod:`glsl`.
@@ -93,6 +94,7 @@ def pack_view(
     ----------
     captures : for each its centre (3,) in the world and the pixels of a face's side, 0 while
         nothing of it is drawn.
+    seconds : how many numbers after a glass's capture its second one comes.
     scene_reach : metres from the frame's origin within which all things are.
     """
     to_world, unit = frame.to_world(), frame.unit
@@ -120,7 +122,7 @@ def pack_view(
         block[9] = (*place, 1.0)
     block[5, :2] = pixel_width(view, frame)
     block[10] = *view.size, near, longest
-    block[11, 0] = MARGIN * frame.reach
+    block[11, :2] = MARGIN * frame.reach, seconds
     for number, (centre, side) in enumerate(captures[:CAPTURES]):
         block[12 + number] = *frame.place(centre), side
     return block.astype(np.float32)

@@ -42,7 +42,7 @@ struct View {{
   vec4 up;           /* and up */
   vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
   vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
-  vec4 start;        /* radius of the ball that holds all glasses; - */
+  vec4 start;        /* radius of the ball that holds all glasses; from a capture to a second */
   vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
 }};
 """
@@ -748,23 +748,24 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
     float way = NOWHERE;
     vec3 spot = vec3(0.0);
     int met = -1, hit = last;
-    for (int k = 0; k < glasses_; k++) {
+    for (int number = 0; number < glasses_; number++) {
+      /* Its own glass first: what lies behind the face that is met there need not be looked at. */
+      int k = number <= home ? (number == 0 ? home : number - 1) : number;
       bool own = k == home;
       vec3 q = own ? p : to_glass(k, from), v = own ? d : turn_in(k, toward);
+      float size = row(9 + GLASS_ROWS * k).x;
       float enter = 0.0;
       if (!own) {
-        vec4 ball = row(2 + GLASS_ROWS * k);
-        vec3 away = ball.xyz - q;
-        float ahead = dot(away, v);
-        vec3 off = away - ahead * v;
-        float reach = ball.w * 1.001;
-        if (dot(off, off) > reach * reach || (ahead < 0.0 && dot(away, away) > reach * reach)) {
+        /* From where it enters the glass's box: numbers stay small there. */
+        vec3 away = row(2 + GLASS_ROWS * k).xyz - q, half_ = row(11 + GLASS_ROWS * k).xyz;
+        vec3 inverse = 1.0 / mix(v, vec3(1e-12), lessThan(abs(v), vec3(1e-12)));
+        vec3 middle = away * inverse, room = half_ * abs(inverse);
+        vec3 enters = middle - room, leaves = middle + room;
+        enter = max(max(enters.x, enters.y), max(enters.z, 0.0));
+        if (enter > min(min(leaves.x, leaves.y), leaves.z) || enter * size > way) {
           continue;
         }
-        /* From where it enters the ball: numbers stay small there. */
-        enter = max(ahead - sqrt(reach * reach - dot(off, off)), 0.0);
       }
-      float size = row(9 + GLASS_ROWS * k).x;
       float t;
       vec3 mark;
       /* No farther than NOWHERE: that is the way to a face that is not met. */
@@ -1056,6 +1057,13 @@ float smooth_gap(int slot, vec3 p)
   return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
 }
 
+/* The second capture of a glass that has a first one, behind what hides much from that; or -1. */
+int second_of(int slot)
+{
+  int second = slot + int(view.start.y);
+  return slot >= 0 && second < 8 && view.captures[second].w > 0.5 ? second : -1;
+}
+
 /* Whether a capture sees a place: nothing stands before it, or what stands there. */
 bool is_seen(int slot, vec3 p)
 {
@@ -1067,6 +1075,13 @@ bool is_seen(int slot, vec3 p)
 }
 
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
+
+bool shows_thing(int slot, vec3 d)
+{
+  float side = view.captures[slot].w;
+  vec3 at = face_of(d, side);
+  return is_there(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
+}
 
 /* The colour in a direction, smoothed over pixels that are about as far as the nearest one. */
 vec4 capture_colour(int slot, vec3 d)
@@ -1218,9 +1233,29 @@ float limb_at(vec2 at, vec2 heading)
   return one + clamp(rise, 0.0, LIMB_MOST * first);
 }
 
+/* Whether a place lies in the box of a thing that may stand in glass g; -1: who knows. */
+bool in_thing(int g, vec3 p)
+{
+  if (g < 0) {
+    return true;
+  }
+  int first = int(row(9 + GLASS_ROWS * g).w);
+  int count = int(row(1 + GLASS_ROWS * g).w);
+  for (int k = 0; k < count; k++) {
+    int at = first + THING_ROWS * k;
+    vec4 h = vec4(p, 1.0);
+    vec3 q = abs(vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h)));
+    if (max(max(q.x, q.y), q.z) < BOX_MARGIN) {
+      return true;
+    }
+  }
+  return false;
+}
+
 /* Where a ray meets what the view shows: marched through the view's depths, pixel by pixel, and
- * over whole tiles that it passes in front of or behind. `hidden`: it was behind something. */
-bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float way,
+ * over whole tiles that it passes in front of or behind. `boxes`: the glass within which it runs,
+ * where only its things can be met, or -1. `hidden`: it was behind something. */
+bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at, out float way,
                   out bool hidden)
 {
   hidden = false;
@@ -1332,9 +1367,15 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float 
      * image. */
     float over = z + shown - 2.0 * limb - SLACK;
     if (behind && limb > UNKNOWN && over < 0.0) {
-      met = !is_seen(slot, o + t * d);
-      /* What is seen from within the glass is not guessed: the capture tells. */
-      limb = met ? limb : UNKNOWN;
+      vec3 place = o + t * d;
+      if (is_seen(slot, place) || is_seen(second_of(slot), place)) {
+        /* What is seen from within the glass is not guessed: the capture tells. */
+        limb = UNKNOWN;
+      }
+      else {
+        /* Flat things are not as thick: their boxes tell. */
+        met = in_thing(boxes, place);
+      }
     }
     if (met) {
       float part = clamp(before < 0.0 ? -before / (gap - before) : 0.0, 0.0, 1.0);
@@ -1359,8 +1400,10 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, out vec2 at, out float 
   return false;
 }
 
-/* Where a ray meets what a capture shows: marched by equal angles round the capture's centre. */
-bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way)
+/* Where a ray meets what a capture shows: marched by equal angles round the capture's centre.
+ * `hidden`: it was behind something. */
+bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way,
+                   out bool hidden)
 {
   vec4 capture = view.captures[slot];
   vec3 q = o - capture.xyz;
@@ -1378,6 +1421,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
   vec2 angle = vec2(cos(low), sin(low));
   float before = 0.0;
   bool behind = capture_gap(slot, q) > THICK_PART * length(q);
+  hidden = behind;
   at = vec3(0.0);
   way = reach;
   for (int k = 1; k <= count; k++) {
@@ -1408,7 +1452,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
           abs(smooth_gap(slot, at)) < THIN + THICK_PART * length(at)) {
         return true;
       }
-      behind = true;
+      behind = hidden = true;
     }
     else if (gap <= 0.0) {
       behind = false;
@@ -1425,15 +1469,15 @@ int capture_of(int g)
   return slot >= 0 && view.captures[slot].w > 0.5 ? slot : -1;
 }
 
-/* What a ray meets within its reach, if a view shows it. */
-bool seen(vec3 o, vec3 d, float reach, int slot, out vec4 colour, out float way)
+/* What a ray meets within its reach, if a view shows it. `boxes`: see `march_direct`. */
+bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out float way)
 {
   vec2 pixel;
   bool hidden = true, found = false;
   way = reach;
   colour = vec4(0.0);
   if (has_depth != 0) {
-    found = march_direct(o, d, reach, slot, pixel, way, hidden);
+    found = march_direct(o, d, reach, slot, boxes, pixel, way, hidden);
     if (found) {
       colour = thing_at(pixel);
     }
@@ -1441,7 +1485,14 @@ bool seen(vec3 o, vec3 d, float reach, int slot, out vec4 colour, out float way)
   if (slot >= 0 && hidden) {
     vec3 at;
     float other;
-    if (march_capture(slot, o, d, min(reach, way), at, other)) {
+    float most = min(reach, way);
+    bool met = march_capture(slot, o, d, most, at, other, hidden);
+    int second = second_of(slot);
+    if (!met && hidden && second >= 0) {
+      slot = second;
+      met = march_capture(slot, o, d, most, at, other, hidden);
+    }
+    if (met) {
       colour = capture_colour(slot, at);
       way = other;
       found = true;
@@ -1465,7 +1516,9 @@ vec4 beyond(vec3 o, vec3 d, int slot)
     return thing_at(pixel);
   }
   if (slot >= 0) {
-    return capture_colour(slot, d);
+    /* Where a thing stands before the first capture the second may show more. */
+    int second = second_of(slot);
+    return capture_colour(second >= 0 && shows_thing(slot, d) ? second : slot, d);
   }
   if (clip.w <= 0.0) {
     clip = view.to_clip * vec4(o, 1.0);
@@ -1474,9 +1527,14 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   return direct_at(clamp(pixel, vec2(0.5), view.size.xy - 0.5));
 }
 
+/* What shows nothing lets the background through. That is not tinted where it is drawn, so what is
+ * seen of it through tinted glass is added here: all but what every colour has. */
 void add(vec4 colour, vec4 light)
 {
-  sum += light.w * vec4(light.rgb, 1.0) * colour;
+  float plain = min(min(light.r, light.g), min(light.b, 1.0));
+  vec3 open = (1.0 - colour.a) * (light.rgb - plain) * backdrop.rgb;
+  float shown = colour.a + (1.0 - colour.a) * (1.0 - plain);
+  sum += light.w * vec4(light.rgb * colour.rgb + open, shown);
   got += light.w;
 }
 
@@ -1495,7 +1553,7 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   vec4 colour;
   float way;
   int slot = capture_of(g);
-  if (!seen(p, d, NOWHERE, slot, colour, way)) {
+  if (!seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
   add(colour, light);
@@ -1534,7 +1592,7 @@ bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float wa
   }
   vec4 colour;
   float reached;
-  if (!seen(p, d, way, capture_of(g), colour, reached)) {
+  if (!seen(p, d, way, capture_of(g), boxed ? g : -1, colour, reached)) {
     return false;
   }
   light.rgb *= exp(-taken * reached);
@@ -1711,8 +1769,10 @@ bool is_wire(ivec2 pixel, float value)
 
 # Puts the picture into the view. part 0: what the view's pixels are multiplied by, 1: what is added
 # to them; 2: what the background, which lies in the overlay, is multiplied by, 3: the background
-# that is added where a surface stood. The overlay also has the lines that the glasses are drawn by
-# so that they can be clicked at; where no glass is selected they are taken out.
+# that is added there where a line was. The overlay also has the lines that the glasses are drawn by
+# so that they can be clicked at; where no glass is selected they are taken out. Overlays are added
+# by another curve than the scene's colours have: so where a surface stood, the background that is
+# seen in the glass goes into the scene.
 RESULT = (
     SMOOTH
     + WIRE_AT
@@ -1756,20 +1816,20 @@ void main()
     return;
   }
   vec4 seen = at_pixel(color_tx) / max(covers_.g, 1.0);
-  if (part == 1) {
-    frag = seen;
-    return;
-  }
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   float before = texelFetch(direct_tx, pixel, 0).a;
   float after = (1.0 - covers) * before + min(seen.a, covers);
   bool erased = lines == 0 && is_line(pixel);
   bool is_open = before < 0.99 && !erased;
-  if (part == 2) {
+  if (part == 1) {
+    /* Where no background is, it is put into the scene. */
+    frag = is_open ? seen : vec4(seen.rgb + max(covers - seen.a, 0.0) * backdrop.rgb, covers);
+  }
+  else if (part == 2) {
     frag = vec4(erased ? 0.0 : (is_open ? (1.0 - after) / (1.0 - before) : 1.0));
   }
   else {
-    frag = is_open || after > 0.99 ? vec4(0.0) : (1.0 - after) * backdrop;
+    frag = erased ? (1.0 - covers) * (1.0 - before) * backdrop : vec4(0.0);
   }
 }
 """

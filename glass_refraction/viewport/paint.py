@@ -26,6 +26,9 @@ from .wires import Wires
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
 
+GLANCED = 11
+"""Rows of a view, and columns, by which is told whether its picture changed."""
+
 _shaders: dict[str, object] = {}
 WHOLE = (-1.0, -1.0, 1.0, 1.0)
 """The box of a target that is filled from corner to corner."""
@@ -33,11 +36,15 @@ WHOLE = (-1.0, -1.0, 1.0, 1.0)
 
 @dataclass(frozen=True)
 class Way:
-    """How rays are followed: the least part of the light, the most ways, whether they split."""
+    """How rays are followed: the least part of the light, the most ways, whether they split.
+
+    backdrop : what is seen where nothing is, see `Painter.show`.
+    """
 
     least: float
     most: int
     splits: bool
+    backdrop: tuple[float, float, float, float]
 
 
 class Direct:
@@ -49,8 +56,8 @@ class Direct:
         buffer's values, and of what they mean in units of the common frame, see `glsl.DEPTH` and
         `glsl.STEPS`; line : the numbers (a, b, c, d) between both.
     has_depth : EEVEE writes none while overlays are off.
-    stamp : a part of the pixels, to tell whether anything changed. python_seconds : of the last
-        reading, what was Python's and NumPy's part.
+    stamp : a part of the pixels, to tell whether anything changed. lines : those that were glanced
+        at last. python_seconds : of the last reading, what was Python's and NumPy's part.
     """
 
     def __init__(self) -> None:
@@ -60,6 +67,7 @@ class Direct:
         self.line = (0.0, 1.0, 1.0, 0.0)
         self.has_depth = False
         self.stamp: np.ndarray | None = None
+        self.lines: np.ndarray | None = None
         self.python_seconds = 0.0
         self._buffers: tuple = ()
         self._plain = self._to_depth = self._to_tiles = None
@@ -104,6 +112,20 @@ class Direct:
         self.python_seconds = time.thread_time() - began
         return not same
 
+    def glance(self, framebuffer, size: tuple[int, int]) -> bool:
+        """Whether some rows and columns of the view's picture differ from those glanced at last.
+
+        Much quicker than to read it all: enough while an engine only refines what it shows.
+        """
+        width, height = size
+        strips = [(0, y, width, 1) for y in _between(height)]
+        strips += [(x, 0, 1, height) for x in _between(width)]
+        read = [framebuffer.read_color(*strip, 4, 0, "FLOAT") for strip in strips]
+        lines = np.concatenate([np.asarray(one).ravel() for one in read])
+        same = self.lines is not None and np.array_equal(lines, self.lines)
+        self.lines = lines
+        return not same
+
     def find_steps(self, view: Viewpoint, frame: Frame) -> None:
         """See that the depths tell where things end in front of others: edges get smooth by it."""
         if self.depth is not self._stepped:
@@ -136,6 +158,12 @@ class Direct:
             shader.uniform_float("line", self.line)
             shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
+
+
+def _between(size: int) -> list[int]:
+    """Places evenly between 0 and ``size``."""
+    count = min(GLANCED, size)
+    return [(2 * k + 1) * size // (2 * count) for k in range(count)]
 
 
 def _target(size: tuple[int, int], *formats: str) -> tuple:
@@ -275,6 +303,7 @@ class Painter:
         frame: Frame,
         glasses: list[Posed],
         captures: list[tuple[np.ndarray, int]],
+        seconds: int,
         scene_reach: float,
     ) -> None:
         """Hand the glasses' block (see :mod:`description`) and the view to the shader.
@@ -282,6 +311,7 @@ class Painter:
         Parameters
         ----------
         blocks : one, and if a glass disperses one each for red, green and blue light.
+        captures, seconds, scene_reach : see `eye.pack_view`.
         """
         same = len(blocks) == len(self._blocks) and all(
             known[0] is block for known, block in zip(self._blocks, blocks, strict=True)
@@ -292,7 +322,7 @@ class Painter:
         if trees != self._trees:
             self._trees = trees
             self._mesh = mesh_texture(trees) if trees else None
-        self.view_block = _uniform(pack_view(view, frame, captures, scene_reach))
+        self.view_block = _uniform(pack_view(view, frame, captures, seconds, scene_reach))
         self._view = view
         self._rects = merged([screen_rect(glass, view) for glass in glasses])
 
@@ -461,6 +491,7 @@ class Painter:
             shader.uniform_int("is_listed", int(layer.listed is not None))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
+            shader.uniform_float("backdrop", way.backdrop)
             shader.uniform_int("splits", int(way.splits))
             shader.uniform_int("has_depth", int(self.direct.has_depth))
             if displaced is not None:
@@ -517,8 +548,8 @@ class Painter:
         Parameters
         ----------
         framebuffer : the view's own: scene colours and depth. The bound one is the overlay's.
-        backdrop : what the view shows where nothing is, linear; it lies in the overlay, is added to
-            the scene and so has no alpha.
+        backdrop : what the view shows where nothing is, linear, without an alpha. The engine leaves
+            it to the overlay, which is added to the scene.
         lines : leave the lines in the overlay that the glasses' meshes are drawn by.
         """
         lines = lines or not self.direct.has_depth
@@ -690,6 +721,7 @@ DESCRIPTIONS = {
             ("VEC4", "jitter"),
             ("VEC4", "band"),
             ("VEC4", "box"),
+            ("VEC4", "backdrop"),
             ("FLOAT", "least"),
             ("INT", "most"),
             ("INT", "splits"),
@@ -703,7 +735,12 @@ DESCRIPTIONS = {
         "fragment": glsl.PICTURE,
     },
     "between": {
-        "constants": [("VEC4", "box"), ("FLOAT", "parts"), ("INT", "has_depth")],
+        "constants": [
+            ("VEC4", "box"),
+            ("VEC4", "backdrop"),
+            ("FLOAT", "parts"),
+            ("INT", "has_depth"),
+        ],
         "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"],
         "glasses": True,
         "view": True,

@@ -47,8 +47,11 @@ REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
 PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
-SAMPLES = 5
+SAMPLES = 4
 """A pixel at an edge, at rest."""
+JITTER_RADIUS, JITTER_BEGIN = 0.36, math.radians(15.0)
+"""Pixels from a pixel's middle to its further samples, and where the first of them lies: turned so
+that no two share a row or a column. Three tell as much as four of Halton's places."""
 WAYS, WAYS_MORE, WAYS_MOVING = 12, 6, 5
 """Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
 while something moves."""
@@ -98,6 +101,7 @@ class _View:
         self.problems: list[str] = []
         self.stamp: tuple = ()
         self.eye = None
+        self.backdrop = (0.0, 0.0, 0.0, 0.0)
         self.turned = b""
         self.changed = 0.0
         self.refined = 0.0
@@ -105,6 +109,8 @@ class _View:
         self.began = 0.0
         self.final = self.waits = False
         """All samples are there; a redraw is due before more can be added."""
+        self.is_read = self.is_due = False
+        """The direct picture was read after the engine had refined it; the next redraw reads it."""
         self.settled = 0
         """Redraws since a change or a compiled material, see `SETTLED`."""
         self.stage = MOVING
@@ -322,20 +328,21 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if turned != view.turned:
         captures.outdate()
         view.turned = turned
-    view.eye = eye
+    view.eye, view.backdrop = eye, _backdrop(context)
     python += time.thread_time()
     view.waits = False
-    changed = painter.direct.read(view.framebuffer, eye, model.frame)
+    drawn = (settings.surface, settings.min_weight, _displaced_version(view))
+    stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
+    moved = stamp[:-1] != view.stamp[:-1]
+    changed = _read(view, moved)
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
-    drawn = (settings.surface, settings.min_weight, _displaced_version(view))
-    stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     if changed or stamp != view.stamp:
-        moved = stamp[:-1] != view.stamp[:-1]
         view.stamp = stamp
         view.final = False
-        view.refined = time.perf_counter()
+        if not view.is_read:
+            view.refined = time.perf_counter()
         if moved:
             view.changed = view.refined
             _describe(view, eye)
@@ -348,10 +355,27 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         _ask_for_rest()
     drawn = painter.direct.wires.uids
     selected = any(obj.session_uid in drawn for obj in layer.objects.selected)
-    painter.show(view.framebuffer, _backdrop(context), lines=selected)
+    painter.show(view.framebuffer, view.backdrop, lines=selected)
     python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
     counters["milliseconds"] += view.python_ms
+
+
+def _read(view: _View, moved: bool) -> bool:
+    """Read the direct picture if need be; whether it changed, or is still to be read at rest.
+
+    An engine refines what it shows from redraw to redraw. All of it is read of what moves, and once
+    the view is at rest; in between a glance tells whether anything changed.
+    """
+    direct, eye = view.painter.direct, view.eye
+    differs = direct.glance(view.framebuffer, eye.size)
+    if moved or view.is_due:
+        changed = direct.read(view.framebuffer, eye, view.model.frame)
+        view.is_read, view.is_due = view.is_due and not (moved or differs), False
+        return changed
+    direct.python_seconds = 0.0
+    view.is_read = view.is_read and not differs
+    return not view.is_read
 
 
 def _describe(view: _View, eye) -> None:
@@ -365,6 +389,7 @@ def _describe(view: _View, eye) -> None:
         model.frame,
         model.glasses,
         view.captures.listed(),
+        view.captures.glasses,
         model.scene_reach(),
     )
 
@@ -389,9 +414,9 @@ def _sample(
     from .paint import Way
 
     painter = view.painter
-    way = Way(settings.min_weight, ways, settings.surface == "GLASS")
+    way = Way(settings.min_weight, ways, settings.surface == "GLASS", view.backdrop)
     number = painter.samples + edges
-    jitter = _jitter(number) if number else (0.0, 0.0)
+    jitter = _jitter(number)
     pixels = None
     if seconds is not None:
         most = max(STRIP_PIXELS, seconds * view.slowest[edges])
@@ -435,16 +460,11 @@ def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | Non
 
 
 def _jitter(number: int) -> tuple[float, float]:
-    """Places in a pixel, from its middle, that fill it evenly (Halton's, bases 2 and 3)."""
-    found = []
-    for base in (2, 3):
-        value, part, k = 0.0, 1.0, number
-        while k:
-            part /= base
-            value += part * (k % base)
-            k //= base
-        found.append(value - 0.5)
-    return found[0], found[1]
+    """Place of a sample from the pixel's middle: the first lies there, the others round it."""
+    if number == 0:
+        return (0.0, 0.0)
+    angle = JITTER_BEGIN + math.tau * (number - 1) / (SAMPLES - 1)
+    return (JITTER_RADIUS * math.cos(angle), JITTER_RADIUS * math.sin(angle))
 
 
 def light_comes_along(shading: bpy.types.View3DShading) -> bool:
@@ -474,6 +494,8 @@ _LOOKS = (
     "show_specular_highlight",
     "show_backface_culling",
     "show_xray",
+    "background_type",
+    "background_color",
 )
 
 
@@ -607,7 +629,7 @@ def _work(view: _View, window, space, region) -> None:
             view.waits, view.changed = True, time.perf_counter()
             return
         if space.shading.type != "SOLID" and view.settled < SETTLED:
-            # Blender 5.2 crashes where an engine's picture goes on from one with stand-ins.
+            # What an engine shows yet may be stand-ins, which are no picture to keep.
             region.tag_redraw()
             view.waits = True
             return
@@ -623,8 +645,12 @@ def _work(view: _View, window, space, region) -> None:
             if time.perf_counter() + captures.seconds > until:
                 break
         if not captures.left:
-            view.waits = True
+            view.is_due, view.waits = not view.is_read, True
             region.tag_redraw()
+        return
+    if not view.is_read:
+        view.is_due = view.waits = True
+        region.tag_redraw()
         return
     settings = scene.refractive_glass
     painter.direct.find_steps(view.eye, view.model.frame)

@@ -73,6 +73,32 @@ def _links(tree):
     )
 
 
+# ------------------------------------------------------------------------------------- materials
+
+
+@pytest.mark.parametrize("way", ["deleted", "modifier removed", "worn by a mesh of the user's"])
+def test_a_glass_leaves_no_material_however_often_its_file_was_saved(way, tmp_path):
+    """Blender 5.2 counts users of what a modifier's inputs name once more with each save."""
+    bpy.ops.object.refractive_glass_add(shape="SPHERE", radius=0.1, wall_thickness=0.0)
+    glass, scene = bpy.context.object, bpy.context.scene
+    material = read_input(glass_modifier(glass), "Material")
+    for _ in range(3):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"), copy=True)
+    _prepare(scene)
+    assert material.name in bpy.data.materials
+    if way == "deleted":
+        bpy.data.objects.remove(glass)
+    elif way == "modifier removed":
+        glass.modifiers.remove(glass_modifier(glass))
+    else:
+        bpy.ops.mesh.primitive_cube_add()
+        bpy.context.object.data.materials.append(material)
+        bpy.data.objects.remove(glass)
+    _prepare(scene)
+    left = [m.name for m in bpy.data.materials if own(m)]
+    assert left == ([material.name] if "worn" in way else [])
+
+
 # ------------------------------------------------------------------------------- compositor trees
 
 

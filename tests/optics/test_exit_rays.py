@@ -490,6 +490,24 @@ def test_a_thing_in_the_liquid_ends_rays_there():
     np.testing.assert_allclose(ends.depth[seen][two], expected, rtol=1e-9)
 
 
+def test_what_ends_black_in_the_glass_has_met_no_thing():
+    """A thing behind the interface was looked for, and a ray that ends there never came to it."""
+    body = optics.body(optics.CylinderGlass((0.02,), (2.4,), extent=(0.0, 0.1)))
+    rng = np.random.default_rng(6)
+    place = np.array((0.0, 0.0, 0.05)) + rng.uniform(-0.01, 0.01, (500, 3))
+    ends = optics.exit_rays(
+        [optics.PlacedGlass(body, np.eye(4))],
+        place,
+        rng.normal(size=(500, 3)),
+        cast=Floor(-0.1),
+        fresnel=False,
+    )
+    met = np.isfinite(ends.distance)
+    black = np.isinf(ends.depth).all(axis=1)
+    assert met.sum() > 50 and black.sum() > 50
+    np.testing.assert_array_equal(ends.thing, np.where(met, 7, -1))
+
+
 def test_only_rays_that_can_meet_a_thing_are_cast():
     rng = np.random.default_rng(16)
     glasses = [
@@ -710,3 +728,12 @@ def test_bad_input_is_named():
     other = optics.PlacedGlass(optics.body(optics.SphereGlass((1.0,), (1.5,), 1.2)), np.eye(4))
     with pytest.raises(ValueError, match="the same surroundings"):
         optics.exit_rays([optics.PlacedGlass(body, np.eye(4)), other], (0, 0, 1), [(0, 0, 1)])
+
+
+def test_what_is_raised_between_steps_ends_the_call():
+    def pressed():
+        raise KeyboardInterrupt
+
+    glass = optics.PlacedGlass(optics.SphereGlass((0.05,), (1.5,)), np.eye(4))
+    with pytest.raises(KeyboardInterrupt):
+        optics.exit_rays([glass], (0.0, 0.0, 1.0), [[0.0, 0.0, -1.0]], between=pressed)

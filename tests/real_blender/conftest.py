@@ -86,6 +86,7 @@ class Blender:
         """
         output = Path(tempfile.mkdtemp(prefix=f"{name}_", dir=self.folder))
         script = shutil.copy(INSIDE / f"{name}.py", output)
+        shutil.copy(INSIDE / "windowed.py", output)
         found = self._run(
             [how, "--python-exit-code", 3, "--python", script, "--", output, *arguments], seconds
         )

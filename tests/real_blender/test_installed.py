@@ -56,3 +56,10 @@ def test_removing_the_glass_removes_what_was_made_for_it(installed):
 def test_settings_may_change_between_renders(installed):
     """Blender 5.2 crashes where a render that has begun finds a node group freed."""
     assert installed.script("rerender")["rendered"] == 6
+
+
+def test_the_asset_library_is_written_and_goes_again(installed):
+    found = installed.script("assets")
+    assert found["assets"] >= 14
+    assert found["inside_the_extension"] is False
+    assert found["left"] is False

@@ -7,7 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from glass_refraction.scene.names import RefractiveGlassError, own  # noqa: E402
+from glass_refraction.scene import update as door  # noqa: E402
+from glass_refraction.scene.names import REFERENCE, RefractiveGlassError, own  # noqa: E402
 
 FIGURES = {
     "psnr_db",
@@ -96,11 +97,10 @@ def test_what_cannot_be_compared_is_not_rendered(scene, tmp_path):
 
 def test_a_comparison_that_is_stopped_leaves_the_scene_as_it_was(scene, tmp_path):
     from glass_refraction.reference.compare import comparing
-    from glass_refraction.reference.cycles import ROLE
 
     def kept(block):
         """Renders may make what stands for glasses anew, but nothing of a reference may stay."""
-        return not own(block) or own(block, ROLE)
+        return not own(block) or own(block, REFERENCE)
 
     def state():
         names = {
@@ -115,8 +115,8 @@ def test_a_comparison_that_is_stopped_leaves_the_scene_as_it_was(scene, tmp_path
     bpy.ops.scene.refractive_glass_update()
     before = state()
     renders = 0
-    # At each render in turn, and once at its end.
-    for stop in range(5):
+    # At each render in turn, at the listing of paths, and once at its end.
+    for stop in range(6):
         steps = comparing(scene, tmp_path, samples=1)
         value = None
         for number in range(stop + 1):
@@ -131,7 +131,37 @@ def test_a_comparison_that_is_stopped_leaves_the_scene_as_it_was(scene, tmp_path
         steps.close()
         assert state() == before, stop
         assert not list(tmp_path.iterdir()), stop
-    assert renders == 10
+    assert renders == 11
+
+
+def test_what_timers_do_meanwhile_takes_nothing_of_a_comparison_away(scene, tmp_path):
+    from glass_refraction import handlers
+    from glass_refraction.reference.compare import comparing
+
+    add_glass(scene)
+    bpy.ops.scene.refractive_glass_update()
+    steps = comparing(scene, tmp_path, samples=1)
+    value = None
+    while True:
+        request = steps.send(value)
+        if isinstance(request, bpy.types.Scene):
+            if own(request, REFERENCE):
+                break
+            value = bpy.ops.render.render(write_still=True, scene=request.name)
+        else:
+            value = request()
+    # The glasses are hidden now, and a reference stands.
+    before = {s.name for s in bpy.data.scenes}
+    handlers._asked.add(scene.session_uid)
+    assert handlers._serve() == handlers.REST_SECONDS
+    door.free_leftovers()
+    assert {s.name for s in bpy.data.scenes} == before
+    # As saving does.
+    door.withdraw(scene)
+    assert request.name in bpy.data.scenes
+    steps.close()
+    assert handlers._serve() is None
+    assert not any(own(s, REFERENCE) for s in bpy.data.scenes)
 
 
 def test_a_render_without_a_picture_ends_the_comparison(scene, tmp_path):

@@ -5,11 +5,14 @@ import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 
 from glass_refraction import handlers
+from glass_refraction.reference.picture import render_picture
 from glass_refraction.scene import progress
 from glass_refraction.scene import update as door
+from glass_refraction.scene.rays.caster import Caster
 from glass_refraction.ui.progress import line
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
@@ -48,6 +51,36 @@ def test_a_render_that_fails_tells_nothing_afterwards(scene, monkeypatch):
     monkeypatch.setattr(door.true, "update", failing)
     bpy.ops.render.render()
     assert progress.doing() is None
+
+
+def test_esc_stops_the_next_cast_and_the_next_picture_is_the_same(scene, monkeypatch):
+    whole = render_picture(scene)
+    casts = []
+
+    def pressed(self, origins, directions, cast=Caster.cast):
+        casts.append(len(origins))
+        progress.ask_to_stop()
+        return cast(self, origins, directions)
+
+    door.memory_of(scene).kept = None
+    with monkeypatch.context() as patched:
+        patched.setattr(Caster, "cast", pressed)
+        bpy.ops.render.render()
+    assert len(casts) == 1
+    # Esc ends the render where there is a window; no picture without its glass is left unnamed.
+    assert door.memory_of(scene).last == [handlers.STOPPED]
+    assert np.array_equal(render_picture(scene), whole)
+    assert door.memory_of(scene).last == []
+
+
+def test_esc_counts_for_its_own_render_only(scene):
+    progress.ask_to_stop()
+    bpy.ops.render.render()
+    assert door.memory_of(scene).last == []
+    progress.ask_to_stop()
+    for function in bpy.app.handlers.render_cancel:
+        function(scene)
+    progress.check()
 
 
 def test_the_line_counts_seconds_once_there_is_one():

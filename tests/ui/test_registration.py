@@ -5,10 +5,13 @@ import string
 from pathlib import Path
 
 import bpy
+import pytest
 
 import glass_refraction
 from glass_refraction.scene.names import NODE_GROUPS
+from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.ui import asset_library, translations
+from glass_refraction.ui.presets import PRESETS
 
 OPERATORS = (
     bpy.ops.object.refractive_glass_add,
@@ -18,6 +21,7 @@ OPERATORS = (
     bpy.ops.scene.refractive_glass_compare,
     bpy.ops.scene.refractive_glass_bake,
     bpy.ops.scene.refractive_glass_bake_free,
+    bpy.ops.scene.refractive_glass_starter,
     bpy.ops.preferences.refractive_glass_asset_library_add,
     bpy.ops.preferences.refractive_glass_asset_library_remove,
 )
@@ -59,10 +63,11 @@ def test_the_asset_library_is_only_there_when_asked_for():
     before = _library_paths()
     assert NODE_GROUPS.parent not in before
     assert bpy.ops.preferences.refractive_glass_asset_library_add() == {"FINISHED"}
-    assert NODE_GROUPS.parent in _library_paths()
+    assert {NODE_GROUPS.parent, asset_library.everyday_folder()} <= set(_library_paths())
     assert not bpy.ops.preferences.refractive_glass_asset_library_add.poll()
     assert bpy.ops.preferences.refractive_glass_asset_library_remove() == {"FINISHED"}
     assert _library_paths() == before
+    assert not asset_library.everyday_folder().exists()
     assert not bpy.ops.preferences.refractive_glass_asset_library_remove.poll()
 
 
@@ -74,7 +79,7 @@ def test_the_asset_library_goes_with_the_extension():
         assert _library_paths() == before
     finally:
         glass_refraction.register()
-    assert asset_library.find_library() is None
+    assert not asset_library.find_libraries()
 
 
 def test_other_libraries_stay(tmp_path):
@@ -89,6 +94,31 @@ def test_other_libraries_stay(tmp_path):
 def test_the_library_holds_the_modifier():
     with bpy.data.libraries.load(str(NODE_GROUPS), assets_only=True) as (available, _):
         assert list(available.node_groups) == ["Refractive Glass"]
+
+
+def test_everyday_glasses_are_assets_with_previews_and_the_file_is_as_it_was():
+    objects = set(bpy.data.objects)
+    bpy.ops.preferences.refractive_glass_asset_library_add()
+    assert set(bpy.data.objects) == objects
+    (path,) = asset_library.everyday_folder().glob("*.blend")
+    with bpy.data.libraries.load(str(path), assets_only=True) as (found, wanted):
+        names = {*found.objects, *found.collections}
+        wanted.objects, wanted.collections = found.objects, found.collections
+    assert names == {preset.label for preset in PRESETS}
+    for asset in (*wanted.objects, *wanted.collections):
+        assert asset.asset_data.license == "CC0"
+        assert max(asset.preview.image_pixels_float) > 0.0
+        glasses = [asset] if isinstance(asset, bpy.types.Object) else list(asset.all_objects)
+        assert any(o.type == "MESH" and glass_modifier(o) is not None for o in glasses)
+    bpy.ops.preferences.refractive_glass_asset_library_remove()
+
+
+def test_a_library_that_cannot_be_written_is_told_and_none_is_listed(monkeypatch, tmp_path):
+    (tmp_path / "taken").write_text("no folder")
+    monkeypatch.setattr(asset_library, "everyday_folder", lambda: tmp_path / "taken" / "assets")
+    with pytest.raises(RuntimeError, match="could not be written"):
+        bpy.ops.preferences.refractive_glass_asset_library_add()
+    assert not asset_library.find_libraries()
 
 
 def test_translations_take_the_same_values():

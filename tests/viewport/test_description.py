@@ -87,6 +87,17 @@ def test_the_frames_lead_there_and_back_wherever_the_glasses_are():
     assert frame.reach < 10.0
 
 
+@pytest.mark.parametrize("name", GLASSES)
+def test_the_box_of_a_glass_holds_it_with_some_room(name):
+    glass = posed(GLASSES[name])
+    record = pack([glass], common_frame([glass]))[1 : 1 + GLASS_ROWS]
+    middle, half = record[1, :3], record[10, :3]
+    low, high = glass.body.box / glass.body.scale
+    assert (middle - half < low).all()
+    assert (middle + half > high).all()
+    assert 2.0 * half == pytest.approx(high - low, abs=0.005 * record[1, 3])
+
+
 def test_every_chord_lies_on_the_curve_and_within_its_bunch():
     glass = posed(GLASSES["revolution"])
     block = pack([glass], common_frame([glass])).astype(float)

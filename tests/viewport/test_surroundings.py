@@ -26,7 +26,7 @@ def test_rays_and_depths_of_the_block_are_the_views(window, is_perspective):
     matrix[:3, 3] = (-0.1, -0.2, -1.3)
     view = view_eye(SIZE, matrix, window, is_perspective)
     frame = common_frame([glass()])
-    block = pack_view(view, frame, [], 2.0).astype(float)
+    block = pack_view(view, frame, [], 0, 2.0).astype(float)
     pixels = np.array([(10.5, 20.5), (320.0, 200.0), (600.5, 380.5)])
     origins, directions = view.rays(*pixels.T)
     plane, right, up, eye = block[6, :3], block[7, :3], block[8, :3], block[9]
@@ -70,6 +70,37 @@ def test_a_capture_stands_in_the_glass_and_out_of_the_way_of_things():
     # A place that is as good as any stays.
     assert capture.centre_of(one, [box], found) == pytest.approx(found)
     assert box.corners == pytest.approx(middle + 0.02 * np.sign(box.corners - middle), abs=1e-12)
+
+
+def box_at(place, half):
+    to_box = np.eye(4)
+    to_box[:3, 3] = -np.asarray(place)
+    return capture.Box(to_box, np.array(half))
+
+
+def test_a_box_lies_between_places_as_points_on_the_way_tell():
+    rng = np.random.default_rng(5)
+    box = box_at((0.1, -0.2, 0.3), (0.2, 0.05, 0.4))
+    one, places = np.array((-0.6, -0.5, 0.2)), rng.uniform(-1.0, 1.0, (2000, 3))
+    parts = np.linspace(0.0, 1.0, 801)[:, None]
+    distance = [box.distance(one + parts * (place - one)).min() for place in places]
+    found, clear = box.lies_between(one, places), np.abs(distance) > 2e-3
+    np.testing.assert_array_equal(found[clear], (np.array(distance) < 0.0)[clear])
+    assert 100 < found.sum() < 1900
+
+
+def test_a_second_capture_stands_behind_what_hides_much_from_the_first():
+    one = glass()
+    middle = one.middle()
+    first = middle - np.array((0.02, 0.0, 0.0))
+    plate = box_at(middle, (0.002, 0.04, 0.04))
+    found = capture.second_centre_of(one, [plate], first)
+    assert plate.lies_between(first, found[None])[0]
+    assert plate.distance(found[None])[0] > 0.01
+    straw = box_at(middle, (0.002, 0.002, 0.1))
+    room = box_at(middle, (1.0, 1.0, 1.0))
+    assert capture.second_centre_of(one, [], first) is None
+    assert capture.second_centre_of(one, [straw, room], first) is None
 
 
 def test_rectangles_that_meet_become_one_and_cover_the_same():

@@ -16,7 +16,7 @@ import bpy
 
 from ..bake.files import BAKE
 from ..memory import counters
-from ..names import TAG, hidden_name, load_group, own
+from ..names import REFERENCE, TAG, hidden_name, load_group, own
 from ..read.glasses import glass_modifier
 from ..read.modifier_inputs import has_input, read_input, write_input
 from ..read.sources import is_carried
@@ -74,7 +74,7 @@ def user_scene_of(own_scene: bpy.types.Scene) -> bpy.types.Scene | None:
     for scene in users:
         if _plays_back(scene, own_scene):
             return scene
-    return next((s for s in users if (s.name, s.library) == (own_scene[_SCENE], None)), None)
+    return next((s for s in users if (s.name, s.library) == (own_scene.get(_SCENE), None)), None)
 
 
 def _plays_back(scene: bpy.types.Scene, own_scene: bpy.types.Scene) -> bool:
@@ -98,6 +98,8 @@ def remove_leftovers() -> None:
     user. Not while a render goes on: Blender 5.2 crashes where one finds a node group freed.
     """
     for candidate in [s for s in bpy.data.scenes if own(s) and not s.library]:
+        if own(candidate, REFERENCE):
+            continue
         owner = user_scene_of(candidate)
         if owner is None or not (_has_glass(owner) or _plays_back(owner, candidate)):
             _remove_scene(candidate)
@@ -111,6 +113,25 @@ def remove_leftovers() -> None:
             for block in [b for b in blocks if b.users == 0 and own(b) and not b.library]:
                 blocks.remove(block)
                 removed = True
+    for material in _unused_materials():
+        bpy.data.materials.remove(material)
+
+
+def _unused_materials() -> list[bpy.types.Material]:
+    """The materials of glasses that no data-block names, whatever their number of users.
+
+    Blender 5.2 counts what a modifier's inputs name once more with each save, and never less.
+    """
+    found = {m for m in bpy.data.materials if own(m, "glass") and not m.library}
+    for obj in bpy.data.objects if found else ():
+        modifier = glass_modifier(obj)
+        if modifier is not None and has_input(modifier, "Material"):
+            found.discard(read_input(modifier, "Material"))
+    if not found:
+        return []
+    # All of the file is looked through: only where a glass was removed.
+    users = bpy.data.user_map(subset=found)
+    return [m for m in found if not users[m] and not m.use_fake_user]
 
 
 def _has_glass(scene: bpy.types.Scene) -> bool:

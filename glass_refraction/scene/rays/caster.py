@@ -16,6 +16,7 @@ import numpy as np
 from ..build.own_scenes import new_object
 from ..memory import counters
 from ..names import TAG, hidden_name, own
+from ..progress import check
 from .things import Triangles
 
 FAR = 1e30
@@ -71,7 +72,13 @@ class Caster:
         -------
         distances : (M,) metres, infinite where nothing is met.
         triangles : (M,) their numbers, −1 where nothing is met.
+
+        Raises
+        ------
+        Stopped
+            Esc was pressed.
         """
+        check()
         total = len(origins)
         distances, triangles = np.full(total, np.inf), np.full(total, -1, np.intp)
         if not total or self._target is None or not len(self._target.triangles):

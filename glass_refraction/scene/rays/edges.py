@@ -19,8 +19,8 @@ STEP = 3.0
 """Distances in neighbouring pixels may differ by so many times what the surface's slope tells."""
 LEAST_SINE = 0.1
 """Of the angle between sight and surface by which its slope is reckoned."""
-SKY, UNKNOWN = -1, -2
-"""In place of a surface's number: nothing is met; nobody asked."""
+UNKNOWN = -2
+"""In place of a surface's number, or of −1 for the sky: nobody asked."""
 AROUND = sorted(product((-1, 0, 1), repeat=2), key=lambda step: (np.abs(step).sum(), step))
 """Steps to a pixel and its neighbours, the nearest first."""
 MARGIN_PX = 2
@@ -34,9 +34,7 @@ def off_edges(scene: Scene, views: Views, ways: Ways, shown: Shown) -> Shown:
     border stays. It stays where it is if a thing is too thin in a view to fill a pixel's middle.
     """
     pixels = shown.pixels.copy()
-    met = ways.triangle >= 0
-    surface = np.full(len(ways), SKY)
-    surface[met] = scene.things.surface[ways.triangle[met]]
+    surface = scene.things.surfaces(ways.triangle)
     for number, view in enumerate(views):
         rows = np.flatnonzero(shown.view == number)
         if len(rows) and not view.sky_only:
@@ -74,7 +72,7 @@ class _Seen:
 
     Attributes
     ----------
-    surface : numbers, `SKY` or `UNKNOWN`.
+    surface : numbers, −1 for the sky, or `UNKNOWN`.
     borders : for x and for y, beside which pixels something else is seen nearer or farther: before
         them (left, below) and after them.
     is_border : whether that is so on any side.
@@ -96,8 +94,7 @@ class _Seen:
         origins, directions = view.rays(np.stack((column, row), axis=1) + origin + 0.5)
         distance, triangle = scene.caster.cast(origins, directions)
         met = triangle >= 0
-        surface, sine = np.full(len(row), SKY), np.ones(len(row))
-        surface[met] = scene.things.surface[triangle[met]]
+        surface, sine = scene.things.surfaces(triangle), np.ones(len(row))
         normal = scene.normals[triangle[met]]
         sine[met] = np.abs(np.einsum("nk,nk->n", directions[met], normal))
         # Metres a pixel, there.

@@ -15,6 +15,7 @@ import numpy as np
 
 from ... import optics
 from ..memory import counters
+from ..progress import check
 from ..read.viewpoint import Viewpoint
 from .caster import Caster
 from .hits import Ways
@@ -32,6 +33,9 @@ BEHIND = 1e-5
 FINE = 5.0
 """Where a pixel has many rays, ways must carry so much more of a ray's light: it is a part of the
 pixel's."""
+TOGETHER = 100_000
+"""Rays that are followed together. While they are, each takes a kilobyte and more; fewer would cost
+time, for each step is a batch of casts."""
 MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
@@ -95,7 +99,7 @@ class Follower:
         self._apart = not inside.all(axis=1).any()
         placed = [glass for _, glasses in self.bands for glass in glasses]
         self.rough = any(glass.roughness for glass in placed)
-        self.only_meshes = all(isinstance(glass, optics.PlacedMesh) for glass in placed)
+        self.only_meshes = all(glass.is_mesh for glass in placed)
 
     @property
     def fine_weight(self) -> float:
@@ -142,6 +146,19 @@ class Follower:
     def _traced(
         self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
     ) -> tuple[Ways, np.ndarray]:
+        """The ways of rays through places of each pixel, a block of pixels after the other."""
+        step = max(1, TOGETHER // len(places))
+        parts, lost = [], []
+        for first in range(0, max(1, len(pixels)), step):
+            block = pixels[first : first + step]
+            ways, left = self._traced_together(block, places, least, things=things)
+            parts.append(replace(ways, ray=ways.ray + first * len(places)))
+            lost.append(left)
+        return Ways.joined(parts), np.concatenate(lost)
+
+    def _traced_together(
+        self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
+    ) -> tuple[Ways, np.ndarray]:
         origins, directions = self._rays(pixels, places)
         counters["exit_rays"] += len(origins)
         parts, lost = [], np.zeros(len(origins))
@@ -157,7 +174,9 @@ class Follower:
                 fresnel=self.fresnel,
                 pixel=np.repeat(pixels, len(places)),
                 sample=np.tile(np.arange(len(places)), len(pixels)),
+                between=check,
             )
+            check()
             share = float(np.mean(colour))
             met = np.flatnonzero(ends.events > 0)
             weight = ends.weight[met]
@@ -282,6 +301,7 @@ def unsettled(
     ----------
     ways, lost : of ``count`` rays in each pixel (N,). settled : sorted `way_codes`, or None.
     """
+    check()
     if settled is None or not len(settled):
         return ways, lost
     codes = way_codes(pixels[ways.ray // count], ways.path)

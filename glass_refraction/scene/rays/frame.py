@@ -32,7 +32,7 @@ from .exits import (
     together,
 )
 from .follow import Band, Follower, Kept
-from .hits import KNOWN, UNSEEN, Scene, Shown, Views, Ways, place_captures, place_skies, show
+from .hits import KNOWN, UNSEEN, Scene, Shown, Views, place_captures, place_skies, show
 from .meshes import GlassMeshes
 from .radiance import Clamp, known_light, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
@@ -255,7 +255,7 @@ def _followed(
     skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
-    ends = ending(coarse, beside, shown, _labels(scene, coarse.ways), view.size)
+    ends = ending(coarse, beside, shown, frame.things.surfaces(coarse.ways.triangle), view.size)
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
     glint = Glints(beside.pixel, glints * coarse.ways.colour)
@@ -337,14 +337,6 @@ def _boxes(things: Things) -> np.ndarray:
     np.minimum.at(boxes[:, 0], owner, corners.min(axis=1))
     np.maximum.at(boxes[:, 1], owner, corners.max(axis=1))
     return boxes[np.isfinite(boxes).all(axis=(1, 2))]
-
-
-def _labels(scene: Scene, ways: Ways) -> np.ndarray:
-    """(K,) number of the surface that a way meets, −1 the sky."""
-    label = np.full(len(ways), -1)
-    met = np.flatnonzero(~ways.is_sky)
-    label[met] = scene.things.surface[ways.triangle[met]]
-    return label
 
 
 def _summed(

@@ -35,6 +35,8 @@ SEEN = 0.8
 """Of a hit's worth: to be seen at all, however coarsely."""
 COARSE = 0.1
 """Of a hit's worth: while less than this lacks, no capture need show it better."""
+TOGETHER = 200_000
+"""Ways that are looked for in the views together: while they are, each takes half a kilobyte."""
 KINDS = 5
 """Of light paths whose virtual eyes are tried for a capture, those with most unseen light."""
 NEAR_SHARE = 0.5
@@ -260,6 +262,14 @@ class Scene:
 
 def show(scene: Scene, views: Views, ways: Ways) -> Shown:
     """For each way the view that shows its hit best; the first view is the direct picture."""
+    if len(ways) <= TOGETHER:
+        return _show(scene, views, ways)
+    starts = range(0, len(ways), TOGETHER)
+    blocks = (np.arange(first, min(first + TOGETHER, len(ways))) for first in starts)
+    return Shown.joined([_show(scene, views, ways.take(block)) for block in blocks])
+
+
+def _show(scene: Scene, views: Views, ways: Ways) -> Shown:
     total = len(ways)
     chosen = np.full(total, UNSEEN, np.intp)
     pixels = np.zeros((total, 2))

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...optics.exit_rays import TOUCHING
 from ..read.glasses import Glass
-from ..read.mesh_glasses import MeshGlass
 from .caster import Caster
 from .things import Triangles
 
@@ -60,7 +59,7 @@ class GlassMeshes:
     def __init__(
         self, casters: Sequence[Caster], glasses: Sequence[Glass], centre: np.ndarray, scale: float
     ) -> None:
-        numbers = [n for n, glass in enumerate(glasses) if isinstance(glass.description, MeshGlass)]
+        numbers = [n for n, glass in enumerate(glasses) if glass.is_mesh]
         grouped = _apart([glasses[n].description.box for n in numbers], len(casters))
         self._groups = []
         for caster, members in zip(casters, grouped, strict=True):

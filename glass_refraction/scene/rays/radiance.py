@@ -82,9 +82,7 @@ def stand_ins(things: Things, ways: Ways, shown: Shown) -> tuple[Shown, np.ndarr
     lacking = np.flatnonzero(shown.view == UNSEEN)
     if not len(lacking):
         return shown, out
-    surface = np.full(len(ways), -1)
-    met = np.flatnonzero(~ways.is_sky)
-    surface[met] = things.surface[ways.triangle[met]]
+    surface = things.surfaces(ways.triangle)
     # A place of a hit: the point, or in the sky the direction.
     place = np.where(ways.is_sky[:, None], ways.direction, ways.point)
     for number in np.unique(surface[lacking]):

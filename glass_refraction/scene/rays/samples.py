@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..progress import check
+
 WIDTH = 2048
 """Pixels in a row of a packed picture."""
 LEVELS = 8
@@ -73,6 +75,7 @@ def pack(pixels: PackedPixels, pixel: np.ndarray, uv: np.ndarray, colour: np.nda
     pixel : (K,) number of each sample's pixel in the picture, rising; at most `MOST` equal ones.
     uv : (K, 2) places in the view, 0 to 1. colour : (K, 3).
     """
+    check()
     rows = _rows(len(pixel))
     where = np.ones((len(pixel), 3), np.float32)
     where[:, :2] = uv

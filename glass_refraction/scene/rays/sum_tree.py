@@ -18,13 +18,13 @@ SPLINE_REACH = 6
 """Pixels on either side in the kernel that undoes a spline's blur: 5e-4 is left beyond."""
 
 
-def spline_inverse(half: int = SPLINE_REACH) -> np.ndarray:
-    """What undoes, at the pixels' centres, the blur of a cubic B-spline: (2 half + 1,), separable.
+def spline_inverse() -> np.ndarray:
+    """What undoes, at the pixels' centres, the blur of a cubic B-spline, along either axis.
 
     Looked up by a B-spline, a picture that this was applied to is interpolated: at its pixels'
     centres it has its own values (Unser, "Splines", 1999).
     """
-    apart = np.abs(np.arange(-half, half + 1))
+    apart = np.abs(np.arange(-SPLINE_REACH, SPLINE_REACH + 1))
     spline = np.where(apart == 0, 2 / 3, np.where(apart == 1, 1 / 6, 0.0))
     # Even, so its spectrum is real; and above zero.
     spectrum = np.fft.fft(np.fft.ifftshift(spline)).real
@@ -94,7 +94,86 @@ def new_image(name: str, role: str) -> bpy.types.Image:
     return image
 
 
-class SumTree(NodeSums):
+class _Lookups(NodeSums):
+    """Builds a compositor tree that reads a scene's pictures and looks others up by them."""
+
+    def __init__(self, scene: bpy.types.Scene, role: str, *name: str) -> None:
+        self._scene = scene
+        self.tree = bpy.data.node_groups.new(hidden_name(role, *name), "CompositorNodeTree")
+        self.tree[TAG] = role
+
+    def _picture(self, *parts: object):
+        name = image_name(self._scene, *parts)
+        found = (i for i in bpy.data.images if own(i, "picture") and i.name == name)
+        node = self._node("CompositorNodeImage")
+        node.image = next(found, None) or new_image(name, "picture")
+        return node.outputs["Image"]
+
+    def _at(self, image, where, method: str = "Nearest"):
+        node = self._node("CompositorNodeMapUV")
+        node.inputs["Interpolation"].default_value = method
+        for axis in "XY":
+            node.inputs[f"Extension {axis}"].default_value = "Extend"
+        self._link(image, node.inputs["Image"])
+        self._link(where, node.inputs["UV"])
+        return node.outputs["Image"]
+
+    def _split(self, colour):
+        node = self._node("ShaderNodeSeparateXYZ")
+        self._link(colour, node.inputs[0])
+        return node.outputs[0]
+
+
+class _ViewTree(_Lookups):
+    """Builds the tree of one view's sums, of the packed pixels: from its picture, Image to Image.
+
+    Blender goes through all of a tree whenever a node or a link is added: one tree of all views
+    took a second to build.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, number: int, kind: str) -> None:
+        super().__init__(scene, "view sum", str(scene.session_uid), str(number), kind)
+        for way in ("INPUT", "OUTPUT"):
+            self.tree.interface.new_socket("Image", in_out=way, socket_type="NodeSocketColor")
+        image = self._node("NodeGroupInput").outputs["Image"]
+        sharp = self._sharpened(image) if kind == "colour" else image
+        method = "Bicubic" if kind == "colour" else "Bilinear"
+        looked_up = self._at(sharp, self._picture(number, "where"), method)
+        # Alpha is what the samples' weights show; a tint takes none of it.
+        colour = self._picture(number, kind)
+        found = self._vector("MULTIPLY", looked_up, colour)
+        for level in range(LEVELS):
+            first = self._at(found, self._picture(number, "first", level))
+            second = self._at(found, self._picture(number, "second", level))
+            found = self._vector("ADD", first, second)
+        found = self._at(found, self._picture(number, "into"))
+        self._link(found, self._node("NodeGroupOutput").inputs["Image"])
+
+    def _sharpened(self, image):
+        """A view such that a B-spline of it goes through its pixels.
+
+        Beyond the picture's border the convolution finds nothing: that is made up for.
+        """
+        return self._scaled(self._convolved(image), self._split(self._picture("border")))
+
+    def _convolved(self, image):
+        node = self._node("CompositorNodeConvolve")
+        self._link(image, node.inputs["Image"])
+        kernel = next(s for s in node.inputs if s.name == "Kernel" and s.type == "VALUE")
+        self._link(self._kernel(), kernel)
+        return node.outputs["Image"]
+
+    def _kernel(self):
+        name = hidden_name("kernel", "spline")
+        found = (i for i in bpy.data.images if own(i, "kernel") and i.name == name)
+        image = next(found, None) or new_image(name, "kernel")
+        image[_VALUES] = spline_inverse().tolist()
+        node = self._node("CompositorNodeImage")
+        node.image = image
+        return node.outputs["Image"]
+
+
+class SumTree(_Lookups):
     """Builds the compositor tree of True shading.
 
     Inputs Image and Alpha are the direct picture's, the output Image is the picture with all
@@ -104,11 +183,7 @@ class SumTree(NodeSums):
     def __init__(
         self, scene: bpy.types.Scene, captures: list[bpy.types.Scene], *, alpha: bool
     ) -> None:
-        self._scene = scene
-        self.tree = bpy.data.node_groups.new(
-            hidden_name("composite", scene.name), "CompositorNodeTree"
-        )
-        self.tree[TAG] = "composite"
+        super().__init__(scene, "composite", scene.name)
         for name, kind in (("Image", "NodeSocketColor"), ("Alpha", "NodeSocketFloat")):
             self.tree.interface.new_socket(name, in_out="INPUT", socket_type=kind)
         self.tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
@@ -152,61 +227,10 @@ class SumTree(NodeSums):
 
     def _of_view(self, number: int, view: Outputs, kind: str):
         """One view's sums, of the packed pixels."""
-        sharp = self._sharpened(view) if kind == "colour" else view.image
-        method = "Bicubic" if kind == "colour" else "Bilinear"
-        looked_up = self._at(sharp, self._picture(number, "where"), method)
-        # Alpha is what the samples' weights show; a tint takes none of it.
-        colour = self._picture(number, kind)
-        found = self._vector("MULTIPLY", looked_up, colour)
-        for level in range(LEVELS):
-            first = self._at(found, self._picture(number, "first", level))
-            second = self._at(found, self._picture(number, "second", level))
-            found = self._vector("ADD", first, second)
-        return self._at(found, self._picture(number, "into"))
-
-    def _sharpened(self, view: Outputs):
-        """A view such that a B-spline of it goes through its pixels.
-
-        Beyond the picture's border the convolution finds nothing: that is made up for.
-        """
-        return self._scaled(self._convolved(view.image), self._split(self._picture("border")))
-
-    def _convolved(self, image):
-        node = self._node("CompositorNodeConvolve")
-        self._link(image, node.inputs["Image"])
-        kernel = next(s for s in node.inputs if s.name == "Kernel" and s.type == "VALUE")
-        self._link(self._kernel(), kernel)
+        node = self._node("CompositorNodeGroup")
+        node.node_tree = _ViewTree(self._scene, number, kind).tree
+        self._link(view.image, node.inputs["Image"])
         return node.outputs["Image"]
-
-    def _kernel(self):
-        name = hidden_name("kernel", "spline")
-        found = (i for i in bpy.data.images if own(i, "kernel") and i.name == name)
-        image = next(found, None) or new_image(name, "kernel")
-        image[_VALUES] = spline_inverse().tolist()
-        node = self._node("CompositorNodeImage")
-        node.image = image
-        return node.outputs["Image"]
-
-    def _picture(self, *parts: object):
-        name = image_name(self._scene, *parts)
-        found = (i for i in bpy.data.images if own(i, "picture") and i.name == name)
-        node = self._node("CompositorNodeImage")
-        node.image = next(found, None) or new_image(name, "picture")
-        return node.outputs["Image"]
-
-    def _at(self, image, where, method: str = "Nearest"):
-        node = self._node("CompositorNodeMapUV")
-        node.inputs["Interpolation"].default_value = method
-        for axis in "XY":
-            node.inputs[f"Extension {axis}"].default_value = "Extend"
-        self._link(image, node.inputs["Image"])
-        self._link(where, node.inputs["UV"])
-        return node.outputs["Image"]
-
-    def _split(self, colour):
-        node = self._node("ShaderNodeSeparateXYZ")
-        self._link(colour, node.inputs[0])
-        return node.outputs[0]
 
 
 def write_kernels() -> None:

@@ -53,6 +53,13 @@ class Things(Triangles):
     looks: tuple[Look, ...]
     owners: tuple[str, ...]
 
+    def surfaces(self, triangle: np.ndarray) -> np.ndarray:
+        """(K,) numbers of the looks of triangles (K,); −1 for −1, where none is met."""
+        found = np.full(len(triangle), -1)
+        met = np.flatnonzero(triangle >= 0)
+        found[met] = self.surface[triangle[met]]
+        return found
+
     def box(self) -> np.ndarray:
         """(2, 3): the lowest and the highest coordinates; of nothing, an empty box."""
         if not len(self.points):
@@ -60,12 +67,15 @@ class Things(Triangles):
         return np.array((self.points.min(axis=0), self.points.max(axis=0)))
 
 
-def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str]) -> Things:
+def read_things(
+    depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], *, with_lamps: bool = True
+) -> Things:
     """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
 
     Parameters
     ----------
     left_out : names of objects that no ray meets here: the glasses.
+    with_lamps : False for an engine that is lit by none of them, Workbench.
     """
     builder = _Builder()
     for instance in depsgraph.object_instances:
@@ -77,7 +87,7 @@ def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str]) -> Thi
         if not instance.show_self:
             continue
         if obj.type == "LIGHT":
-            if obj.visible_glossy:
+            if with_lamps and obj.visible_glossy:
                 builder.add_lamp(obj, np.array(instance.matrix_world, float))
             continue
         if not (obj.visible_camera and owner.visible_camera):

@@ -22,6 +22,7 @@ from ..build.own_scenes import (
 )
 from ..memory import Status, counters, memory_of
 from ..names import TAG, hidden_name, own
+from ..progress import check
 from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
 from ..read.modifier_inputs import read_input
@@ -113,6 +114,8 @@ def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
     mesh.materials.append(_black())
     for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
         setattr(curtain, f"visible_{kind}", False)
+    # Until a frame's values are written: a new scene's thousands of samples are nobody's.
+    view.view_layers[0].use = False
     synchronise(view.view_layers[0])
 
 
@@ -167,6 +170,8 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     views = find_own_scenes(scene, (CAPTURE, SKY))
     read = _read(scene, depsgraph, view, problems)
     result = compute(read, _casters(scene), ROOM, _kept(scene))
+    # From here on all is written: a picture of two frames' halves would be none.
+    check()
     _write(scene, views, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
@@ -242,7 +247,7 @@ def _read(
     samples, name = samples_setting(scene)
     return FrameInput(
         glasses=glasses,
-        things=read_things(depsgraph, left_out),
+        things=read_things(depsgraph, left_out, with_lamps=render.engine != "BLENDER_WORKBENCH"),
         sky=sky_of(depsgraph.scene_eval, tuple(suns), _world_override(depsgraph.view_layer)),
         view=view,
         near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),

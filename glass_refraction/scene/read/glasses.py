@@ -106,18 +106,9 @@ class Glass:
             return optics.dispersed_ior(medium, abbe, wavelength)
 
         glass, contents = self.abbe
-        if isinstance(description, MeshGlass):
-            seen = replace(description, ior=ior(description.ior, glass))
-        elif isinstance(description, optics.FlatGlass):
-            layers = tuple(ior(medium, glass) for medium in description.ior)
-            seen = replace(description, ior=layers, ior_below=ior(description.ior_below, contents))
-        elif isinstance(description, AxialGlass):
-            media = ior(description.ior, glass), ior(description.liquid_ior, contents)
-            seen = replace(description, ior=media[0], liquid_ior=media[1])
-        else:
-            first, *others = description.ior
-            media = (ior(first, glass), *(ior(medium, contents) for medium in others))
-            seen = replace(description, ior=media)
+        seen = description.recoloured(
+            lambda medium: ior(medium, glass), lambda medium: ior(medium, contents)
+        )
         return replace(self, description=seen, band=band)
 
     def from_world(self) -> np.ndarray:
@@ -135,24 +126,12 @@ class Glass:
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """(N,) which world points lie within the outer surface; what only touches it does not."""
-        local, description = self.to_local(points), self.description
-        if isinstance(description, optics.FlatGlass):
-            z, thickness = local[:, 2], sum(description.thickness)
-            low, high = np.min(description.outline, axis=0), np.max(description.outline, axis=0)
-            within = np.all((local[:, :2] > low) & (local[:, :2] < high), axis=1)
-            skin = _TOUCHING * thickness
-            return within & (z < -skin) & (z > skin - thickness)
-        if isinstance(description, AxialGlass):
-            radius, low, high = (part * description.scale for part in description.hull)
-            skin = _TOUCHING * (high - low)
-            inside = np.hypot(local[:, 0], local[:, 1]) < radius * (1 - _TOUCHING)
-            return inside & (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
-        inside = description.distance_from_axis(local) < description.radius[0] * (1 - _TOUCHING)
-        if isinstance(description, optics.CylinderGlass):
-            low, high = description.extent
-            skin = _TOUCHING * (high - low)
-            inside &= (local[:, 2] > low + skin) & (local[:, 2] < high - skin)
-        return inside
+        return self.description.encloses(self.to_local(points), _TOUCHING)
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether it is a mesh, and no closed form with light paths."""
+        return isinstance(self.description, MeshGlass)
 
     @property
     def is_tinted(self) -> bool:
@@ -166,7 +145,7 @@ class Glass:
         ----------
         eye : (3,) or (M, 3); directions : (M, 3); both in the glass's frame.
         """
-        lengths, media = optics.path_lengths(unbounded(self.description), eye, directions, path)
+        lengths, media = optics.path_lengths(self.description.unbounded, eye, directions, path)
         depth = np.einsum("smc,sm->mc", np.asarray(self.absorption)[media], lengths)
         return np.exp(-depth)
 
@@ -235,13 +214,12 @@ def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
     named = [host.instance_collection]
     for particles in host.particle_systems:
         named += [particles.settings.instance_object, particles.settings.instance_collection]
-    for modifier in host.modifiers:
-        if modifier.type == "NODES" and modifier.node_group and not own(modifier.node_group):
-            named += _named_in_tree(modifier.node_group, {modifier.node_group})
-            for item in modifier.node_group.interface.items_tree:
-                socket = getattr(item, "socket_type", "")
-                if socket in _NAMING_SOCKETS and has_input(modifier, item.name):
-                    named.append(read_input(modifier, item.name))
+    for modifier in _users_nodes(host):
+        named += _named_in_tree(modifier.node_group)
+        for item in modifier.node_group.interface.items_tree:
+            socket = getattr(item, "socket_type", "")
+            if socket in _NAMING_SOCKETS and has_input(modifier, item.name):
+                named.append(read_input(modifier, item.name))
     found = []
     for block in named:
         if isinstance(block, bpy.types.Collection):
@@ -251,14 +229,18 @@ def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
     return found
 
 
-def _named_in_tree(tree: bpy.types.NodeTree, known: set[bpy.types.NodeTree]) -> list:
+def _users_nodes(host: bpy.types.Object) -> list[bpy.types.NodesModifier]:
+    """The object's Geometry Nodes that are not the extension's."""
+    nodes = [m for m in host.modifiers if m.type == "NODES" and m.node_group is not None]
+    return [modifier for modifier in nodes if not own(modifier.node_group)]
+
+
+def _named_in_tree(tree: bpy.types.NodeTree) -> list:
     """The values of all inputs of a tree's nodes, and of the groups in it."""
     named = [getattr(i, "default_value", None) for node in tree.nodes for i in node.inputs]
     for node in tree.nodes:
-        group = node.node_tree if node.type == "GROUP" else None
-        if group is not None and group not in known:
-            known.add(group)
-            named += _named_in_tree(group, known)
+        if node.type == "GROUP" and node.node_tree is not None:
+            named += _named_in_tree(node.node_tree)
     return named
 
 
@@ -271,12 +253,8 @@ def merged_glasses(
     """
     taken = []
     for host in scene.objects:
-        trees = [
-            (modifier.node_group, modifier)
-            for modifier in host.modifiers
-            if modifier.type == "NODES" and modifier.node_group and not own(modifier.node_group)
-        ]
-        for glass in dict.fromkeys(g for tree in trees for g in _taken_objects(*tree)):
+        objects = [g for m in _users_nodes(host) for g in _taken_objects(m.node_group, m)]
+        for glass in dict.fromkeys(objects):
             is_glass = glass.type == "MESH" and glass_modifier(glass) is not None
             if is_glass:
                 taken.append((host, glass))
@@ -518,11 +496,9 @@ def _absorption(modifier, description, scale: float) -> tuple[tuple[float, float
         depth = -np.log(np.clip(colour, _DARKEST, 1.0)) / max(distance, _SHORTEST)
         found.append(tuple(float(a) for a in depth + 0.0))
     glass, contents = found
-    if isinstance(description, MeshGlass):
-        return (clear, glass)
-    if isinstance(description, optics.FlatGlass):
+    if not description.has_contents:
         # The length behind a slab is not the glass's: it ends wherever something is.
-        return (clear, glass, clear)
+        contents = clear
     return (clear, glass, contents)[: len(description.media)]
 
 
@@ -616,21 +592,10 @@ def _profile_points(spline) -> np.ndarray:
 
 def as_body(glass: Glass) -> Glass | None:
     """The glass with all the faces that bound it; None if that is nothing that rays can meet."""
-    if isinstance(glass.description, MeshGlass):
+    if glass.is_mesh:
         return glass
     body = optics.body(glass.description)
     return None if body is None else replace(glass, description=body)
-
-
-def unbounded(description):
-    """The glass without its outline or extent."""
-    if isinstance(description, optics.FlatGlass):
-        return optics.FlatGlass(
-            description.thickness, description.ior, description.ior_above, description.ior_below
-        )
-    if isinstance(description, optics.CylinderGlass):
-        return optics.CylinderGlass(description.radius, description.ior, description.ior_outside)
-    return description
 
 
 def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:

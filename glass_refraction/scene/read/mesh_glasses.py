@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import bpy
 import numpy as np
@@ -39,6 +41,8 @@ class MeshGlass:
     refracted: tuple[float, float, float] = CLEAR
     reflected: tuple[float, float, float] = CLEAR
 
+    has_contents: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         if not (np.isfinite(self.ior) and self.ior > 0.0):
             raise ValueError(f"ior must be a number above 0, not {self.ior!r}")
@@ -54,6 +58,10 @@ class MeshGlass:
     def _parts(self) -> tuple:
         own = self.ior, self.roughness, self.refracted, self.reflected
         return (*own, self.points, self.normals)
+
+    def recoloured(self, glass: Callable[[float], float], _contents) -> MeshGlass:
+        """The same glass as light of another colour finds it, from its ior."""
+        return replace(self, ior=glass(self.ior))
 
     @property
     def media(self) -> tuple[float, float]:

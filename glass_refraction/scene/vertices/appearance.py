@@ -13,7 +13,7 @@ import numpy as np
 
 from ... import optics
 from ..read.arrays import affine
-from ..read.glasses import Glass, unbounded
+from ..read.glasses import Glass
 from ..read.mesh_arrays import SourceMesh, read_source_mesh, read_triangles
 from ..read.sources import Piece, Snapshot
 from ..read.viewpoint import Viewpoint
@@ -52,7 +52,7 @@ class Solver:
         view, eye = self.view, self.view.eye_for(self.glass)
         tolerance = 1e-9 if view.is_parallel else self.tolerance_px / view.focal_px
         return optics.apparent_points(
-            unbounded(self.glass.description),
+            self.glass.description.unbounded,
             self.path,
             eye,
             points,

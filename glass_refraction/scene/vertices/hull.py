@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, singledispatch
 
 import numpy as np
 from mathutils.geometry import tessellate_polygon
@@ -37,30 +37,7 @@ def first_face(glass: Glass, eye) -> tuple[np.ndarray, np.ndarray]:
     RefractiveGlassError
         The eye is inside the glass's wall.
     """
-    description = glass.description
-    parallel = isinstance(eye, optics.ParallelView)
-    if isinstance(description, optics.FlatGlass):
-        return _flat_face(glass, description, eye, parallel)
-    if isinstance(description, AxialGlass):
-        return _axial_faces(glass, description, eye, parallel)
-    centre_distance = np.inf
-    if not parallel:
-        flat = isinstance(description, optics.CylinderGlass)
-        centre_distance = float(np.linalg.norm(eye[:2] if flat else eye))
-    radii = description.radius
-    if centre_distance >= radii[0]:
-        radius, inward = radii[0], False
-    elif centre_distance < radii[-1] and len(radii) > 1:
-        radius, inward = radii[-1], True
-    else:
-        raise _inside(glass)
-    if isinstance(description, optics.CylinderGlass):
-        if inward and not description.extent[0] < eye[2] < description.extent[1]:
-            radius, inward = radii[0], False
-        vertices, faces = _wall(radius, description.extent)
-    else:
-        vertices, faces = _ball(radius)
-    return vertices, faces[:, ::-1] if inward else faces
+    return _first_face(glass.description, glass, eye)
 
 
 def faces_eye(vertices: np.ndarray, faces: np.ndarray, eye) -> np.ndarray:
@@ -75,7 +52,15 @@ def faces_eye(vertices: np.ndarray, faces: np.ndarray, eye) -> np.ndarray:
     return np.einsum("fk,fk->f", normal, np.asarray(eye) - a) > 0
 
 
-def _flat_face(glass: Glass, description, eye, parallel: bool):
+@singledispatch
+def _first_face(description, glass: Glass, eye) -> tuple[np.ndarray, np.ndarray]:
+    """What `first_face` returns; a shape registers its own."""
+    raise TypeError(f"no outline of a glass of type {type(description).__name__}")
+
+
+@_first_face.register
+def _(description: optics.FlatGlass, glass: Glass, eye):
+    parallel = isinstance(eye, optics.ParallelView)
     depth = -sum(description.thickness)
     from_above = eye.direction[2] < 0 if parallel else eye[2] > 0
     if not parallel and depth <= eye[2] <= 0:
@@ -92,9 +77,38 @@ def _flat_face(glass: Glass, description, eye, parallel: bool):
     return vertices, triangles
 
 
-def _axial_faces(glass: Glass, description: AxialGlass, eye, parallel: bool):
+@_first_face.register
+def _(description: optics.CylinderGlass, glass: Glass, eye):
+    radius, inward = _coaxial_face(description, glass, eye)
+    if inward and not description.extent[0] < eye[2] < description.extent[1]:
+        radius, inward = description.radius[0], False
+    vertices, faces = _wall(radius, description.extent)
+    return vertices, faces[:, ::-1] if inward else faces
+
+
+@_first_face.register
+def _(description: optics.SphereGlass, glass: Glass, eye):
+    radius, inward = _coaxial_face(description, glass, eye)
+    vertices, faces = _ball(radius)
+    return vertices, faces[:, ::-1] if inward else faces
+
+
+def _coaxial_face(description, glass: Glass, eye) -> tuple[float, bool]:
+    """Radius of the face, and whether it is seen from within."""
+    distance, radii = np.inf, description.radius
+    if not isinstance(eye, optics.ParallelView):
+        distance = float(description.distance_from_axis(np.asarray(eye)))
+    if distance >= radii[0]:
+        return radii[0], False
+    if distance < radii[-1] and len(radii) > 1:
+        return radii[-1], True
+    raise _inside(glass)
+
+
+@_first_face.register
+def _(description: AxialGlass, glass: Glass, eye):
     """All interfaces of the medium that the eye is in, the far ones too: `faces_eye` tells."""
-    medium = 0 if parallel else int(description.medium_at(eye))
+    medium = 0 if isinstance(eye, optics.ParallelView) else int(description.medium_at(eye))
     if medium == GLASS:
         raise _inside(glass)
     outlines = description.outlines(SECTION * description.scale)

@@ -69,16 +69,28 @@ def kept_paths(
     if known is not None and known[0] == stamp:
         return known[1]
     counters["listed"] += 1
-    eye = view.eye_for(glass)
-    first_face(glass, eye)
-    paths = optics.light_paths(glass.description, eye, min_weight=settings.min_weight)
-    if not fresnel:
-        paths = tuple(path for path in paths if "R" not in path.events)
-    mean = coarse_weights(scene, glass, view, paths).mean(axis=1)
-    order = sorted(range(len(paths)), key=lambda number: -mean[number])
-    kept = tuple(paths[number] for number in order if mean[number] >= settings.min_weight)
+    kept = bright_paths(glass, view, settings.min_weight, fresnel)
     memory_of(scene).paths[glass.key] = (stamp, kept)
     return kept
+
+
+def bright_paths(
+    glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool
+) -> tuple[optics.LightPath, ...]:
+    """What :func:`kept_paths` remembers, of no data of Blender's."""
+    eye = view.eye_for(glass)
+    first_face(glass, eye)
+    paths = optics.light_paths(glass.description, eye, min_weight=min_weight)
+    if not fresnel:
+        paths = tuple(path for path in paths if "R" not in path.events)
+    return _brightest(glass, view, paths, min_weight, fresnel)
+
+
+def _brightest(glass, view, paths, min_weight, fresnel, most=None) -> tuple[optics.LightPath, ...]:
+    """Those of a mean weight of at least so much, the brightest first."""
+    mean = coarse_weights(glass, view, paths, fresnel).mean(axis=1)
+    order = sorted(range(len(paths)), key=lambda number: -mean[number])[:most]
+    return tuple(paths[number] for number in order if mean[number] >= min_weight)
 
 
 def open_paths(
@@ -104,11 +116,10 @@ def open_paths(
     )
     medium = 0 if view.is_parallel else int(glass.description.medium_at(eye))
     begins = tuple(b for b in begins if _shows_contents(glass.description, medium, b))
-    if settings.surface != "GLASS":
+    fresnel = settings.surface == "GLASS"
+    if not fresnel:
         begins = tuple(begin for begin in begins if "R" not in begin.events)
-    mean = coarse_weights(scene, glass, view, begins).mean(axis=1)
-    order = sorted(range(len(begins)), key=lambda number: -mean[number])[:OPEN_SLOTS]
-    kept = tuple(begins[number] for number in order if mean[number] >= settings.min_weight)
+    kept = _brightest(glass, view, begins, settings.min_weight, fresnel, OPEN_SLOTS)
     memory_of(scene).paths[key] = (stamp, kept)
     return kept
 

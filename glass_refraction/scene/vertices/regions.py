@@ -10,9 +10,7 @@ import bpy
 import numpy as np
 
 from ... import optics
-from ...optics.axial import AxialGlass
-from ..read.glasses import Glass, read_glasses, unbounded
-from ..read.mesh_glasses import MeshGlass
+from ..read.glasses import Glass, read_glasses
 from ..read.viewpoint import Viewpoint, read_viewpoint
 from .hull import first_face
 from .path_keys import path_key
@@ -165,13 +163,12 @@ def path_regions(
     return Regions(rect, paths, weights, inside, hit, shares)
 
 
-def coarse_weights(scene, glass: Glass, view: Viewpoint, paths) -> np.ndarray:
+def coarse_weights(glass: Glass, view: Viewpoint, paths, fresnel: bool) -> np.ndarray:
     """Weights (P, M) of paths along rays spread over the glass's pixels."""
     x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
     finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
     size = tuple(max(1, round(n * finer)) for n in view.size)
     coarse = replace(view, size=size, window=(0, 0, *size))
-    fresnel = scene.refractive_glass.surface == "GLASS"
     found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
     weights = found.weights[:, found.hit]
     return weights if weights.shape[1] else np.zeros((len(paths), 1))
@@ -196,7 +193,7 @@ class PathRays:
         description = self.glass.description
         missed, _ = optics.path_weights(description, eye, directions, (optics.LightPath(""),))
         hit = missed[0] < 0.5
-        found, _ = optics.path_weights(unbounded(description), eye, directions, self.paths)
+        found, _ = optics.path_weights(description.unbounded, eye, directions, self.paths)
         taken = (found > 0) & hit
         if not self.fresnel:
             found = (taken & self.refracting[:, None]).astype(float)
@@ -360,7 +357,7 @@ def left_out_pixels(
     fresnel = scene.refractive_glass.surface == "GLASS"
     count = left_out = 0
     for glass in _closed_forms(depsgraph):
-        if isinstance(glass.description, AxialGlass):
+        if glass.description.names_interfaces:
             missing = _dark_rays(glass, view, scene.refractive_glass.min_weight, fresnel)
             count, left_out = count + missing.size, left_out + int(missing.sum())
             continue
@@ -392,16 +389,14 @@ def _dark_rays(glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool) 
 
 def _closed_forms(depsgraph: bpy.types.Depsgraph) -> list[Glass]:
     """The glasses that have light paths: all but meshes."""
-    return [g for g in read_glasses(depsgraph) if not isinstance(g.description, MeshGlass)]
+    return [g for g in read_glasses(depsgraph) if not g.is_mesh]
 
 
 MOST_MASKS = 12
 """Of glasses whose paths name their interfaces, so many paths get a mask, the brightest."""
 
 
-def region_masks(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, *, min_weight: float | None = None
-) -> dict[str, np.ndarray]:
+def region_masks(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, np.ndarray]:
     """The pixels that lie wholly in each light path's region, over all glasses of the scene.
 
     Returns
@@ -412,9 +407,9 @@ def region_masks(
     width, height = view.size
     masks: dict[str, np.ndarray] = {}
     beside = np.ones((height, width), bool)
+    least = scene.refractive_glass.min_weight
     for glass in _closed_forms(depsgraph):
-        weight = scene.refractive_glass.min_weight if min_weight is None else min_weight
-        paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=weight)
+        paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=least)
         named = bool(paths) and paths[0].interfaces is not None
         if named:
             paths = paths[:MOST_MASKS]

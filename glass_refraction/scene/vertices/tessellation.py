@@ -60,6 +60,10 @@ class Images:
 Solve = Callable[[np.ndarray], Images]
 
 
+WIDER = 0.1
+"""Part of its diagonal by which a box grows for rays that pass beside it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Probe:
     """Rays of the region behind the first surface, to find what large faces they meet.
@@ -71,10 +75,10 @@ class Probe:
     direction: np.ndarray
     length: np.ndarray
 
-    def meets_box(self, points: np.ndarray, margin: float = 0.1) -> bool:
-        """Whether a ray passes the points' bounding box, widened by a part of its diagonal."""
+    def meets_box(self, points: np.ndarray) -> bool:
+        """Whether a ray passes the points' bounding box, widened by `WIDER`."""
         low, high = points.min(axis=0), points.max(axis=0)
-        wider = margin * np.linalg.norm(high - low)
+        wider = WIDER * np.linalg.norm(high - low)
         direction = np.where(np.abs(self.direction) < 1e-12, 1e-12, self.direction)
         first = (low - wider - self.origin) / direction
         second = (high + wider - self.origin) / direction
@@ -471,16 +475,18 @@ def _met_by(probe: Probe, corners: np.ndarray) -> np.ndarray:
     return met
 
 
-def region_probe(glass, view: Viewpoint, path, rect, side: int = 24) -> Probe:
+PROBE_SIDE = 24
+"""Rays along each side of the rectangle in which a path is probed."""
+
+
+def region_probe(glass, view: Viewpoint, path, rect) -> Probe:
     """Rays through a grid of the rectangle's pixels that take the path, on all of its stretches.
 
     A glass holds things: what stands in it is met on the way.
     """
     x0, y0, x1, y1 = rect
-    x, y = np.meshgrid(
-        x0 + (np.arange(side) + 0.5) * (x1 - x0) / side,
-        y0 + (np.arange(side) + 0.5) * (y1 - y0) / side,
-    )
+    steps = (np.arange(PROBE_SIDE) + 0.5) / PROBE_SIDE
+    x, y = np.meshgrid(x0 + steps * (x1 - x0), y0 + steps * (y1 - y0))
     origins, directions = view.rays(x.ravel(), y.ravel())
     origin, direction, length = optics.stretches(
         glass.description, glass.to_local(origins), glass.direction_to_local(directions), path

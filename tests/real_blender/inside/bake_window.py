@@ -4,14 +4,15 @@
 Argument: output folder. Takes screenshots, writes what it found as the result, quits.
 """
 
-import json
 import subprocess
 import sys
-import traceback
 from pathlib import Path
 
 import bpy
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from windowed import view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 MODULE = "bl_ext.user_default.refractive_glass.glass_refraction"
@@ -21,13 +22,6 @@ result = {}
 
 def screenshot(name):
     subprocess.run(["import", "-window", "root", FOLDER / f"{name}.png"], check=True)
-
-
-def view_3d():
-    window = bpy.context.window_manager.windows[0]
-    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
-    region = next(r for r in area.regions if r.type == "WINDOW")
-    return {"window": window, "area": area, "region": region}
 
 
 def baked(scene):
@@ -137,17 +131,4 @@ def steps():
     result["frame_after_escape"] = scene.frame_current
 
 
-def advance():
-    try:
-        print(f"bake_window: line {running.gi_frame.f_lineno}", flush=True)
-        return next(running)
-    except StopIteration:
-        (FOLDER / "result.json").write_text(json.dumps(result))
-    except Exception:
-        traceback.print_exc()
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-running = steps()
-bpy.app.timers.register(advance, first_interval=2.0, persistent=True)
+walk(steps(), result, FOLDER)

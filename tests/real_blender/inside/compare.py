@@ -4,13 +4,14 @@
 Argument: output folder. Writes what it found as the result, quits.
 """
 
-import json
 import subprocess
 import sys
-import traceback
 from pathlib import Path
 
 import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+from windowed import view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 OPERATOR = "SCENE_OT_refractive_glass_compare"
@@ -19,13 +20,6 @@ MANY_SAMPLES = 4096
 PATIENCE = 240
 
 result = {}
-
-
-def view_3d():
-    window = bpy.context.window_manager.windows[0]
-    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
-    region = next(r for r in area.regions if r.type == "WINDOW")
-    return {"window": window, "area": area, "region": region}
 
 
 def comparing():
@@ -96,16 +90,4 @@ def steps():
     subprocess.run(["import", "-window", "root", FOLDER / "compare.png"], check=True)
 
 
-def advance():
-    try:
-        return next(running)
-    except StopIteration:
-        (FOLDER / "result.json").write_text(json.dumps(result))
-    except Exception:
-        traceback.print_exc()
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-running = steps()
-bpy.app.timers.register(advance, first_interval=2.0, persistent=True)
+walk(steps(), result, FOLDER)

@@ -5,15 +5,16 @@ Argument: output folder. Writes screenshots, and what the view says, as the resu
 """
 
 import importlib
-import json
 import subprocess
 import sys
 import time
-import traceback
 from pathlib import Path
 
 import bpy
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from windowed import walk
 
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
@@ -179,19 +180,4 @@ def steps():
     result["failures"] = [v.failure for v in part("viewport.views")._views.values() if v.failure]
 
 
-def run():
-    walk = steps()
-
-    def advance():
-        try:
-            return next(walk)
-        except StopIteration:
-            (FOLDER / "result.json").write_text(json.dumps(result))
-        except Exception:
-            traceback.print_exc()
-        bpy.ops.wm.quit_blender()
-
-    bpy.app.timers.register(advance, first_interval=1.0, persistent=True)
-
-
-run()
+walk(steps(), result, FOLDER, first=1.0)

@@ -5,17 +5,18 @@ Arguments: output folder, the scene that ``viewport_f12`` made. Writes screensho
 rest as the result.
 """
 
-import json
 import subprocess
 import sys
 import time
-import traceback
 from pathlib import Path
 
 import bpy
 import gpu
 import numpy as np
 from mathutils import Quaternion, Vector
+
+sys.path.insert(0, str(Path(__file__).parent))
+from windowed import walk
 
 FOLDER, SCENE = Path(sys.argv[-2]), Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
@@ -323,17 +324,4 @@ def steps():
     yield from timed("other_files", other_files())
 
 
-def advance():
-    try:
-        print(f"viewport: line {running.gi_frame.f_lineno}", flush=True)
-        return next(running)
-    except StopIteration:
-        (FOLDER / "result.json").write_text(json.dumps(result))
-    except Exception:
-        traceback.print_exc()
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-running = steps()
-bpy.app.timers.register(advance, first_interval=1.0, persistent=True)
+walk(steps(), result, FOLDER, first=1.0)

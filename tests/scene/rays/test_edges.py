@@ -8,6 +8,7 @@ import pytest
 
 from glass_refraction.scene.rays.edges import off_edges
 from glass_refraction.scene.rays.hits import KNOWN, Shown
+from glass_refraction.scene.rays.things import Things
 from glass_refraction.scene.rays.views import RadianceView
 
 WIDTH, HEIGHT = 64, 48
@@ -32,7 +33,7 @@ class Card:
 
 def _scene(caster):
     normals = np.tile((0.0, 0.0, 1.0), (2, 1))
-    things = SimpleNamespace(surface=np.array([CARD, WALL]))
+    things = Things(np.zeros((0, 3)), np.zeros((0, 3), int), np.array([CARD, WALL]), (), ())
     return SimpleNamespace(caster=caster, things=things, normals=normals)
 
 
@@ -50,17 +51,7 @@ def _lookups(count=20_000, seed=0):
 
 def _moved(caster, pixels, triangle, view=0):
     shown = Shown(np.full(len(pixels), view), pixels.copy())
-    return off_edges(_scene(caster), [_view()], Rows(triangle), shown).pixels
-
-
-class Rows(SimpleNamespace):
-    """The ways, of which only what they meet is asked."""
-
-    def __init__(self, triangle):
-        super().__init__(triangle=triangle)
-
-    def __len__(self):
-        return len(self.triangle)
+    return off_edges(_scene(caster), [_view()], SimpleNamespace(triangle=triangle), shown).pixels
 
 
 def _from_border(pixels):

@@ -297,12 +297,7 @@ def test_a_world_of_many_colours_is_as_in_cycles(tmp_path, values):
     _against_cycles(scene, tmp_path, 30.0)
 
 
-@pytest.mark.parametrize("kind", ["AREA", "POINT", "SUN"])
-def test_mirrored_lamps_of_a_size_are_as_in_cycles(tmp_path, kind):
-    """A pane before the black mirrors a lamp behind the camera."""
-    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
-    scene = _scene(samples=32)
-    _world((0.0, 0.0, 0.0))
+def _lamp_before_a_pane(scene, kind):
     light = bpy.data.lights.new("Lamp", kind)
     light.energy = 4.0
     if kind == "AREA":
@@ -318,6 +313,16 @@ def test_mirrored_lamps_of_a_size_are_as_in_cycles(tmp_path, kind):
     lamp.rotation_euler = towards.to_track_quat("-Z", "Y").to_euler()
     slab = scenes.glass(shape="SLAB", radius=0.15, wall_thickness=0.01)
     slab.location, slab.rotation_euler = (0.0, 0.0, 0.05), (np.pi / 2, 0.0, 0.0)
+    return lamp
+
+
+@pytest.mark.parametrize("kind", ["AREA", "POINT", "SUN"])
+def test_mirrored_lamps_of_a_size_are_as_in_cycles(tmp_path, kind):
+    """A pane before the black mirrors a lamp behind the camera."""
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene(samples=32)
+    _world((0.0, 0.0, 0.0))
+    _lamp_before_a_pane(scene, kind)
     found = scenes.picture(scene, tmp_path)
     assert _problems(scene) == []
     wanted = _reference(scene)
@@ -326,6 +331,17 @@ def test_mirrored_lamps_of_a_size_are_as_in_cycles(tmp_path, kind):
     assert _psnr(found / peak, wanted / peak, _covered(scene)) > 25.0
     sums = [picture[..., :3].sum() for picture in (found, wanted)]
     assert sums[0] == pytest.approx(sums[1], rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["AREA", "POINT", "SUN"])
+def test_workbench_has_no_lamps_so_glass_mirrors_none(tmp_path, kind):
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene(samples=1, engine="BLENDER_WORKBENCH")
+    lamp = _lamp_before_a_pane(scene, kind)
+    found = scenes.picture(scene, tmp_path)
+    assert _covered(scene).mean() > 0.3
+    lamp.hide_render = True
+    np.testing.assert_array_equal(found, scenes.picture(scene, tmp_path, "without"))
 
 
 # ---------------------------------------------------------------------------------- film and border

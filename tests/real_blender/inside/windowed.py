@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What scripts inside Blender with a window share."""
+
+import json
+import sys
+import traceback
+from pathlib import Path
+
+import bpy
+
+
+def walk(steps, result, folder, first=2.0):
+    """Run steps, each ``yield`` of which gives Blender that many seconds to draw.
+
+    At their end ``result`` is written where the test looks for it, and Blender quits; it quits
+    without where they fail.
+    """
+    name = Path(sys.argv[sys.argv.index("--python") + 1]).stem
+
+    def advance():
+        try:
+            print(f"{name}: line {steps.gi_frame.f_lineno}", flush=True)
+            return next(steps)
+        except StopIteration:
+            (folder / "result.json").write_text(json.dumps(result))
+        except Exception:
+            traceback.print_exc()
+        bpy.ops.wm.quit_blender()
+        return None
+
+    bpy.app.timers.register(advance, first_interval=first, persistent=True)
+
+
+def view_3d():
+    """Where operators of the first window's 3D view run."""
+    window = bpy.context.window_manager.windows[0]
+    area = next(a for a in window.screen.areas if a.type == "VIEW_3D")
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    return {"window": window, "area": area, "region": region}
