@@ -12,8 +12,8 @@ from unittest import mock
 import bpy
 import numpy as np
 
-from glass_refraction.reference.cycles import render_direct, scene_depsgraph
-from glass_refraction.reference.picture import render_picture
+from glass_refraction.reference.cycles import rendering_direct, scene_depsgraph
+from glass_refraction.reference.picture import finished, render_picture
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
 from glass_refraction.scene.memory import counters
@@ -186,7 +186,7 @@ def _renders(settings: Settings, scene: bpy.types.Scene, engine: str) -> dict:
             s for s in find_own_scenes(scene, (true.CAPTURE, true.SKY)) if s.view_layers[0].use
         ]
         captures = sum(timed(lambda v=view: render_picture(v))[1]["cpu_seconds"] for view in views)
-        direct = timed(lambda: render_direct(scene))[1]["cpu_seconds"]
+        direct = timed(lambda: finished(rendering_direct(scene)))[1]["cpu_seconds"]
         ours = sum(watch.seconds.values())
         rows.append(
             {
