@@ -12,8 +12,8 @@ from unittest import mock
 import bpy
 import numpy as np
 
-from glass_refraction.reference.cycles import render_direct, scene_depsgraph
-from glass_refraction.reference.picture import render_picture
+from glass_refraction.reference.cycles import rendering_direct, scene_depsgraph
+from glass_refraction.reference.picture import finished, render_picture
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
 from glass_refraction.scene.memory import counters
@@ -57,6 +57,7 @@ TRIANGLES = (1_000, 10_000, 100_000, 1_000_000)
 def run(settings: Settings) -> dict:
     """All figures of this part. The loaded file is replaced by each scene's."""
     small = settings.pick((32, 24), (120, 90), (480, 360))
+    tiny = settings.pick((32, 24), (120, 90), (240, 180))
     first = settings.scenes[0]
     renders = []
     for engine in settings.pick(("CYCLES",), ("CYCLES",), ("CYCLES", "BLENDER_EEVEE")):
@@ -72,13 +73,14 @@ def run(settings: Settings) -> dict:
         sizes.append({"size": list(size), **solved(open_scene(first, size), fresh=True)})
     glasses = []
     for count in settings.pick((1, 2), GLASSES[::2], GLASSES):
-        glasses.append({"glasses": count, **_moves(_row_of_glasses(count, small))})
+        glasses.append({"glasses": count, **_moves(_row_of_glasses(count, tiny))})
     meshes = []
     for count in settings.pick(TRIANGLES[:1], TRIANGLES[:2], TRIANGLES):
-        scene, triangles = _mesh_glass(count, small)
+        scene, triangles = _mesh_glass(count, tiny)
         meshes.append({"triangles": triangles, **_moves(scene)})
     return {
         "resolution": list(small),
+        "smaller": list(tiny),
         "renders": renders,
         "scenes": scenes,
         "sizes": sizes,
@@ -184,7 +186,7 @@ def _renders(settings: Settings, scene: bpy.types.Scene, engine: str) -> dict:
             s for s in find_own_scenes(scene, (true.CAPTURE, true.SKY)) if s.view_layers[0].use
         ]
         captures = sum(timed(lambda v=view: render_picture(v))[1]["cpu_seconds"] for view in views)
-        direct = timed(lambda: render_direct(scene))[1]["cpu_seconds"]
+        direct = timed(lambda: finished(rendering_direct(scene)))[1]["cpu_seconds"]
         ours = sum(watch.seconds.values())
         rows.append(
             {
@@ -320,9 +322,12 @@ def describe(found: dict) -> list[str]:
             for row in found["sizes"]
         ],
     )
-    lines += ["By the number of glasses (hollow, three rows of four):", ""]
+    lines += [
+        "By the number of glasses (hollow, three rows of four), {} x {}:".format(*found["smaller"]),
+        "",
+    ]
     lines += _table("glasses", "glasses", found["glasses"])
-    lines += ["By the triangles of a glass that is a mesh (a ball):", ""]
+    lines += ["By the triangles of a ball that is a mesh, {} x {}:".format(*found["smaller"]), ""]
     lines += _table("triangles", "triangles", found["meshes"])
     return lines
 

@@ -76,7 +76,7 @@ class Bench:
         self.block = self.one.block(self.view, self.frame, np.eye(4))
         self.uniform = paint._uniform(self.block)
         self.line = eye.common_line(self.view, self.frame)
-        self.view_block = paint._uniform(eye.pack_view(self.view, self.frame, [], 1.0))
+        self.view_block = paint._uniform(eye.pack_view(self.view, self.frame, [], 0, 1.0))
         self.target = gpu.types.GPUOffScreen(*SIZE, format="RGBA16F")
         colours = np.random.default_rng(1).uniform(size=(SIZE[1], SIZE[0], 4)).astype(np.float32)
         self.direct = gpu.types.GPUTexture(
