@@ -52,7 +52,7 @@ SAMPLES = 4
 JITTER_RADIUS, JITTER_BEGIN = 0.36, math.radians(15.0)
 """Pixels from a pixel's middle to its further samples, and where the first of them lies: turned so
 that no two share a row or a column. Three tell as much as four of Halton's places."""
-WAYS, WAYS_MORE, WAYS_MOVING = 12, 6, 5
+WAYS, WAYS_MORE, WAYS_MOVING = 8, 4, 5
 """Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
 while something moves."""
 SHARE_OF_REDRAW = 0.8
