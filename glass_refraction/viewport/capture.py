@@ -28,7 +28,7 @@ from .paint import _quad, _shader
 from .wires import Wires
 
 FACES = 6
-SIDES = {"SOLID": 256, "MATERIAL": 128, "RENDERED": 128}
+SIDES = {"SOLID": 256, "MATERIAL": 192, "RENDERED": 192}
 """Pixels a side of a face, by the view's shading. One size each: engines compile for it."""
 NEAR = 0.02
 """Of the glass's reach: what is nearer to the capture's centre is not drawn."""

@@ -1838,8 +1838,8 @@ void main()
 # Which pixels of a first sample differ from those beside them, so that more are worth their time.
 EDGES = """
 /* Differences from pixel to pixel, as they are and as part of the colour, that are too much. */
-#define EDGE_STEP vec4(0.012, 0.012, 0.012, 0.02)
-#define EDGE_PART 0.05
+#define EDGE_STEP vec4(0.02)
+#define EDGE_PART 0.08
 
 void main()
 {

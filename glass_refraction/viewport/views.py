@@ -52,7 +52,7 @@ SAMPLES = 4
 JITTER_RADIUS, JITTER_BEGIN = 0.36, math.radians(15.0)
 """Pixels from a pixel's middle to its further samples, and where the first of them lies: turned so
 that no two share a row or a column. Three tell as much as four of Halton's places."""
-WAYS, WAYS_MORE, WAYS_MOVING = 12, 6, 5
+WAYS, WAYS_MORE, WAYS_MOVING = 8, 4, 5
 """Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
 while something moves."""
 SHARE_OF_REDRAW = 0.8
@@ -364,18 +364,20 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
 def _read(view: _View, moved: bool) -> bool:
     """Read the direct picture if need be; whether it changed, or is still to be read at rest.
 
-    An engine refines what it shows from redraw to redraw. All of it is read of what moves, and once
-    the view is at rest; in between a glance tells whether anything changed.
+    An engine refines what it shows from redraw to redraw. Meanwhile a glance tells whether anything
+    changed; all of it is read of what moves, and at rest.
     """
     direct, eye = view.painter.direct, view.eye
     differs = direct.glance(view.framebuffer, eye.size)
-    if moved or view.is_due:
+    changed = False
+    if moved or view.is_due or view.is_read:
         changed = direct.read(view.framebuffer, eye, view.model.frame)
-        view.is_read, view.is_due = view.is_due and not (moved or differs), False
-        return changed
-    direct.python_seconds = 0.0
-    view.is_read = view.is_read and not differs
-    return not view.is_read
+        # The depths of what an engine refines differ too, where a glance may not see it.
+        refined = differs or (changed and not view.is_due)
+        view.is_read, view.is_due = not (moved or refined), False
+    else:
+        direct.python_seconds = 0.0
+    return changed or not view.is_read
 
 
 def _describe(view: _View, eye) -> None:

@@ -68,7 +68,8 @@ def test_the_erasers_outline_is_that_of_f12(found, rendered, kind, frame):
     expected, sure = (outline(picture, verge=v) * scale + (x0, y0) for v in (True, False))
     assert len(sure) > 100
     assert farthest(sure, outline(seen)) < 2.0
-    assert farthest(outline(seen, verge=False), expected) < 2.0
+    # A pixel of a mixed colour counts as the eraser's or not by where its few samples lie.
+    assert farthest(outline(seen, verge=False), expected) < 2.5
 
 
 @pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
