@@ -122,7 +122,9 @@ int course = 0;
 #define BENT_CLEAR 0.01
 #define BENT_HALVINGS 12
 
-vec4 row(int k) { return glasses.rows[k]; }
+/* Clamped: NVIDIA's compiler refuses an index that it knows to be out of bounds even where no ray
+ * ever comes, such as that of glass -1 behind a test for it. */
+vec4 row(int k) { return glasses.rows[max(k, 0)]; }
 
 /* The course after one more interface of glass g, whose row is `met`. */
 int crossing(int g, int met)
@@ -1020,6 +1022,9 @@ vec3 face_of(vec3 d, float side)
   return vec3((0.5 * at + 0.5) * side, turn < 0.0 ? axis + 1.0 : axis);
 }
 
+/* Clamped as `row` is. */
+vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, 7)]; }
+
 ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
 {
   ivec2 pixel = clamp(ivec2(in_face), ivec2(0), ivec2(int(side) - 1));
@@ -1030,7 +1035,7 @@ ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
  * Depths of less than 0 and more than FAR_OFF: nothing is there. */
 float capture_gap(int slot, vec3 p)
 {
-  float side = view.captures[slot].w;
+  float side = capture_at(slot).w;
   vec3 at = face_of(p, side);
   float shown = abs(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
   return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
@@ -1039,7 +1044,7 @@ float capture_gap(int slot, vec3 p)
 /* The same, where a surface goes on from pixel to pixel: of a plane 1 / depth is linear there. */
 float smooth_gap(int slot, vec3 p)
 {
-  float side = view.captures[slot].w;
+  float side = capture_at(slot).w;
   vec3 at = face_of(p, side);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
@@ -1061,7 +1066,7 @@ float smooth_gap(int slot, vec3 p)
 int second_of(int slot)
 {
   int second = slot + int(view.start.y);
-  return slot >= 0 && second < 8 && view.captures[second].w > 0.5 ? second : -1;
+  return slot >= 0 && second < 8 && capture_at(second).w > 0.5 ? second : -1;
 }
 
 /* Whether a capture sees a place: nothing stands before it, or what stands there. */
@@ -1070,7 +1075,7 @@ bool is_seen(int slot, vec3 p)
   if (slot < 0) {
     return false;
   }
-  vec3 q = p - view.captures[slot].xyz;
+  vec3 q = p - capture_at(slot).xyz;
   return smooth_gap(slot, q) < THIN + THICK_PART * length(q);
 }
 
@@ -1078,7 +1083,7 @@ bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
 
 bool shows_thing(int slot, vec3 d)
 {
-  float side = view.captures[slot].w;
+  float side = capture_at(slot).w;
   vec3 at = face_of(d, side);
   return is_there(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
 }
@@ -1086,7 +1091,7 @@ bool shows_thing(int slot, vec3 d)
 /* The colour in a direction, smoothed over pixels that are about as far as the nearest one. */
 vec4 capture_colour(int slot, vec3 d)
 {
-  float side = view.captures[slot].w;
+  float side = capture_at(slot).w;
   vec3 at = face_of(d, side);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
@@ -1405,7 +1410,7 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
 bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way,
                    out bool hidden)
 {
-  vec4 capture = view.captures[slot];
+  vec4 capture = capture_at(slot);
   vec3 q = o - capture.xyz;
   float foot = -dot(q, d);
   vec3 nearest = q + foot * d;
@@ -1466,7 +1471,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
 int capture_of(int g)
 {
   int slot = g < 0 ? 0 : int(row(9 + GLASS_ROWS * g).y);
-  return slot >= 0 && view.captures[slot].w > 0.5 ? slot : -1;
+  return slot >= 0 && capture_at(slot).w > 0.5 ? slot : -1;
 }
 
 /* What a ray meets within its reach, if a view shows it. `boxes`: see `march_direct`. */
@@ -1615,7 +1620,7 @@ bool touches(vec3 at, vec3 d, vec4 light, int g, int number)
   }
   int slot = capture_of(g);
   if (slot >= 0) {
-    vec3 away = at - view.captures[slot].xyz;
+    vec3 away = at - capture_at(slot).xyz;
     if (abs(smooth_gap(slot, away)) < near) {
       add(capture_colour(slot, away), light);
       return true;

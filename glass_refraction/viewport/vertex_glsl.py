@@ -308,8 +308,8 @@ void main()
   }
   vec3 p = (bend.to_common * vec4(at, 1.0)).xyz;
   vec4 shown = direct_colour(p, normalize(cross(dFdx(p), dFdy(p))));
-  if (shown.a == 0.0 && slot >= 0 && view.captures[slot].w > 0.5) {
-    vec3 away = p - view.captures[slot].xyz;
+  if (shown.a == 0.0 && slot >= 0 && capture_at(slot).w > 0.5) {
+    vec3 away = p - capture_at(slot).xyz;
     if (abs(smooth_gap(slot, away)) < THIN + THICK_PART * length(away)) {
       shown = vec4(capture_colour(slot, away).rgb, 1.0);
     }
