@@ -57,6 +57,8 @@ LEAST_CLIP = 1e-4
 """Metres: where a view of the world begins to see."""
 UNCOVERED = 0.5
 """Part of a pixel beside all glasses from which on it counts as not covered."""
+TOLD_LIGHT = 0.01
+"""Part of the light in the glasses that is told of if it is lit otherwise than the picture."""
 _STRUCTURE = "refractive_glass_structure"
 _kept_sizes: dict[int, tuple[int, int]] = {}
 """View's session uid -> pixels of the picture of it that Blender has kept. The compositor takes it
@@ -173,6 +175,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     # From here on all is written: a picture of two frames' halves would be none.
     check()
     _write(scene, views, result)
+    problems += _lit_from_elsewhere(scene, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
         problems=problems,
@@ -206,6 +209,28 @@ def _blurred(scene: bpy.types.Scene) -> list[str]:
             "own time and not blurred itself"
         )
     return found
+
+
+def _lit_from_elsewhere(scene: bpy.types.Scene, result: FrameResult) -> list[str]:
+    """A line where Workbench lights what captures show from where they look."""
+    shading = scene.display.shading
+    turns = shading.light == "MATCAP" or (
+        shading.light == "STUDIO" and not shading.use_world_space_lighting
+    )
+    if scene.render.engine != "BLENDER_WORKBENCH" or not turns:
+        return []
+    share = sum(report.share for report in result.reports if report.name.startswith("capture"))
+    if share < TOLD_LIGHT:
+        return []
+    remedy = (
+        "choose Studio as Lighting, with World Space Lighting"
+        if shading.light == "MATCAP"
+        else "switch World Space Lighting on"
+    )
+    return [
+        f"Workbench's light comes along with each camera, and {share:.0%} of what is seen in the "
+        f"glass is lit from elsewhere: {remedy} (Render properties > Lighting)"
+    ]
 
 
 def _casters(scene: bpy.types.Scene) -> Casters:

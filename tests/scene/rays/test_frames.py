@@ -693,6 +693,22 @@ def test_depth_of_field_is_rendered_or_told_of(tmp_path, engine):
     assert "has depth of field" in " ".join(_problems(scene))
 
 
+def test_light_that_comes_along_with_each_camera_is_told_of(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    # Beside the picture and behind the camera: what the glass shows of it only captures see.
+    _wall()
+    bpy.ops.mesh.primitive_cube_add(size=2.0, location=(0.0, 0.0, 0.0))
+    scene = _scene(samples=1, engine="BLENDER_WORKBENCH")
+    scenes.glass(shape="SPHERE", radius=0.05, wall_thickness=0.0)
+    shading, told = scene.display.shading, {}
+    for light, world in (("FLAT", False), ("STUDIO", False), ("STUDIO", True), ("MATCAP", False)):
+        shading.light, shading.use_world_space_lighting = light, world
+        scenes.picture(scene, tmp_path)
+        told[light, world] = [p for p in _problems(scene) if "lit from elsewhere" in p]
+    assert [key for key, lines in told.items() if lines] == [("STUDIO", False), ("MATCAP", False)]
+    assert "switch World Space Lighting on" in told["STUDIO", False][0]
+
+
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
 def test_motion_blur_is_rendered_or_told_of(tmp_path, engine):
     scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
