@@ -26,6 +26,7 @@ def scene():
     scenes.glass(shape="SPHERE", radius=0.05, wall_thickness=0.0)
     scene = scenes.settings(32, 24, samples=1, shading="TRUE")
     scene.render.engine = "BLENDER_WORKBENCH"
+    scene.display.shading.use_world_space_lighting = True
     return scene
 
 

@@ -16,6 +16,7 @@ def test_it_is_a_scene_of_its_own_with_a_glass_that_can_be_rendered():
     assert {obj.name: tuple(obj.location) for obj in user.objects} == before
     assert [o.name for o in glass_objects(scene.view_layers[0])] == ["Glass of Water"]
     scene.render.engine = "BLENDER_WORKBENCH"
+    scene.display.shading.use_world_space_lighting = True
     scene.render.resolution_x, scene.render.resolution_y = 80, 60
     bpy.ops.render.render(scene=scene.name)
     status = door.status(scene)
