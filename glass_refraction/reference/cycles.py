@@ -22,8 +22,6 @@ from .glass_mesh import Surface, fill_mesh, glass_surfaces
 from .interfaces import interfaces, overlapping
 from .picture import Request, finished, rendering_picture
 
-"""Value of the tag on every temporary data-block; handlers leave these alone."""
-
 SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefraction"}
 
 # Light that runs round inside a wall dies off by Fresnel's losses, not by the number of bounces:
