@@ -10,6 +10,7 @@ from glass_refraction.scene import update as door
 from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.read.arrays import corner_normals
 from glass_refraction.scene.read.modifier_inputs import read_input
+from glass_refraction.scene.vertices import tessellation
 
 
 def _ball(shading):
@@ -47,3 +48,19 @@ def test_a_shaded_copy_keeps_the_sources_normals(shading, domain):
     turned = np.array(ball.matrix_world)[:3, :3]
     expected = corner_normals(ball.data) @ turned.T
     np.testing.assert_allclose(corner_normals(shown.data), expected, atol=2e-3)
+
+
+def test_a_source_whose_refinement_stops_before_any_vertex_is_seen_shows_nothing(monkeypatch):
+    scenes.camera()
+    # Of this wall the middle of its diagonal is seen, and no vertex.
+    bpy.ops.mesh.primitive_plane_add(size=20, location=(0, 0.5, 0.06), rotation=(np.pi / 2, 0, 0))
+    scenes.glass(shape="CYLINDER", radius=0.05)
+    scene = scenes.settings(surface="REFRACTION", shading="DISPLACED")
+    assert bpy.ops.scene.refractive_glass_update() == {"FINISHED"}
+    drawn = [shape.vertices for _, _, shape in door.memory_of(scene).copies.values()]
+    assert max(drawn) > 0
+    door.memory_of(scene).copies.clear()
+    monkeypatch.setattr(tessellation, "PER_PIXEL", 0)
+    assert bpy.ops.scene.refractive_glass_update() == {"FINISHED"}
+    drawn = [shape.vertices for _, _, shape in door.memory_of(scene).copies.values()]
+    assert drawn and max(drawn) == 0

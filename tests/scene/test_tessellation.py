@@ -14,7 +14,13 @@ from glass_refraction.scene.read.sources import pieces
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.vertices.appearance import Solver
 from glass_refraction.scene.vertices.regions import picture_rect
-from glass_refraction.scene.vertices.tessellation import Triangles, refine, region_probe
+from glass_refraction.scene.vertices.tessellation import (
+    PER_PIXEL,
+    Images,
+    Triangles,
+    refine,
+    region_probe,
+)
 
 
 def _grid(n=4):
@@ -76,6 +82,27 @@ def test_a_straw_through_a_tube_is_seen_though_it_has_no_vertex_in_it():
     z = found.triangles.points[images.valid.any(axis=0), 2]
     # All of it that stands in the tube, whose wall hides a little at either end.
     assert z.min() < 0.02 and z.max() > 0.1
+
+
+def test_an_image_that_never_comes_to_rest_costs_no_more_than_its_pixels_are_worth():
+    glass, view = _case("CYLINDER", wall_thickness=0.003)
+    rect = (90, 65, 110, 80)
+    solved = []
+
+    def jumping(points):
+        # Neighbours appear pixels apart, however near to each other they are.
+        solved.append(len(points))
+        places = points[None] + 0.02 * np.sin(1e7 * points[None])
+        return Images(places, np.ones((1, len(points)), bool), np.zeros(1, int))
+
+    points = np.array([(-0.1, 0, -0.1), (0.1, 0, -0.1), (0.1, 0, 0.2), (-0.1, 0, 0.2)])
+    wall = Triangles.whole(points, np.array([(0, 1, 2), (0, 2, 3)]))
+    probe = region_probe(glass, view, optics.LightPath("TTTT"), picture_rect(glass, view))
+    found = refine(wall, jumping, probe, view, rect, 0.25)
+    allowed = PER_PIXEL * 20 * 15
+    assert allowed / 8 < len(found.triangles.points) <= len(points) + allowed
+    # Each vertex has six edges, and each edge has one middle and two vertices.
+    assert sum(solved) <= 4 * (len(points) + allowed)
 
 
 @pytest.mark.parametrize(

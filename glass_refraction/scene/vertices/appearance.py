@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ... import optics
+from ..progress import check
 from ..read.arrays import affine
 from ..read.glasses import Glass
 from ..read.mesh_arrays import SourceMesh, read_source_mesh, read_triangles
@@ -49,6 +50,7 @@ class Solver:
 
     def of_local(self, points: np.ndarray, guess=None) -> optics.ApparentPoints:
         """The same of points in the glass's frame."""
+        check()
         view, eye = self.view, self.view.eye_for(self.glass)
         tolerance = 1e-9 if view.is_parallel else self.tolerance_px / view.focal_px
         return optics.apparent_points(
@@ -199,9 +201,12 @@ class Search:
             )
             if not refined.visible:
                 return self._unseen(source, triangles, corners, found)
-            triangles, bound = refined.triangles, refined.bound_px
-            found = self.solver(triangles.points)
-            images = self.solver.in_world(found)
+            shown = self.solver(refined.triangles.points)
+            images = self.solver.in_world(shown)
+            # Of a refinement that stopped early, no more than middles of edges may be seen.
+            if not images.valid.any():
+                return self._unseen(source, triangles, corners, found)
+            triangles, bound, found = refined.triangles, refined.bound_px, shown
             is_refined = True
         elif not near.any():
             return self._unseen(source, triangles, corners, found)

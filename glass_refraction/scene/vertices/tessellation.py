@@ -22,6 +22,10 @@ from ..read.viewpoint import Viewpoint
 
 MAX_VERTICES = 100_000
 """Refinement stops here; the bound that is reported then tells what was reached."""
+PER_PIXEL = 4
+"""Vertices that may be added for each pixel that the glass covers: with more, triangles are smaller
+than half a pixel. In a small picture this ends a refinement that would never come to rest, such as
+of a face that a bottle shows in many pieces."""
 MAX_ROUNDS = 18
 FINE_VERTICES = 30_000
 FINE_SHARE = 0.2
@@ -352,7 +356,9 @@ def refine(
     ----------
     importance : the path's part of the light; of the vertices that may be made it gets this part.
     """
-    most, fine = importance * MAX_VERTICES, importance * FINE_VERTICES
+    pixels = (rect[2] - rect[0]) * (rect[3] - rect[1])
+    most = min(importance * MAX_VERTICES, len(triangles.points) + PER_PIXEL * pixels)
+    fine = importance * FINE_VERTICES
     ends = solve(triangles.points)
     middles = _Middles(solve, _empty(ends))
     worst, visible = 0.0, False
