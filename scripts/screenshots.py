@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The pictures of README and guide: their first glass, step by step, and its comparison.
 
-    blender --factory-startup --python scripts/screenshots.py -- FOLDER
+    blender --factory-startup --python scripts/screenshots.py -- FOLDER [LAST]
 
-The extension must be installed and enabled. ``xdotool`` and ImageMagick's ``import`` act on the
-screen: Blender's own screenshots leave menus out. Quits Blender when it is done.
+LAST names the last picture that is wanted: add_menu, first_glass or compare, which is all. The
+extension must be installed and enabled. ``xdotool`` and ImageMagick's ``import`` act on the screen:
+Blender's own screenshots leave menus out. Quits Blender when it is done.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ import bpy
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from first_glass import build
 
-FOLDER = Path(sys.argv[-1])
+FOLDER, LAST = (*sys.argv[sys.argv.index("--") + 1 :], "compare")[:2]
+FOLDER = Path(FOLDER)
 PATIENCE = 300
 """Seconds for the view's final picture, in a software renderer on a busy machine."""
 VIEWS = "bl_ext.user_default.refractive_glass.glass_refraction.viewport.views"
@@ -59,6 +61,8 @@ def steps():
     # Blender reads the icons in the background.
     yield 8
     screenshot("add_menu")
+    if LAST == "add_menu":
+        return
     subprocess.run(["xdotool", "key", "Escape"], check=True)
     yield 1
     with bpy.context.temp_override(**view_3d()):
@@ -78,6 +82,8 @@ def steps():
             break
     yield 2
     screenshot("first_glass")
+    if LAST == "first_glass":
+        return
     scene.render.engine = "CYCLES"
     scene.cycles.samples, scene.cycles.use_denoising = 32, False
     scene.render.resolution_percentage = 25

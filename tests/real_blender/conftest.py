@@ -49,7 +49,8 @@ class Blender:
     folder: Path
     screen: int
 
-    def _run(self, arguments, seconds):
+    def run(self, arguments, seconds):
+        """Run Blender with arguments; returns the finished process, whatever its status."""
         environment = {
             **{k: v for k, v in os.environ.items() if not k.startswith("BLENDER_USER")},
             "REAL_BLENDER_HOME": str(self.folder / "home"),
@@ -76,7 +77,7 @@ class Blender:
 
     def command(self, *arguments, seconds=300):
         """``blender --command ...``; returns the finished process, whatever its status."""
-        return self._run(["command", *arguments], seconds)
+        return self.run(["command", *arguments], seconds)
 
     def script(self, name, *arguments, how="run", seconds=600, trouble=TROUBLE):
         """Run a script of the folder ``inside``; returns what it wrote as ``result.json``.
@@ -87,7 +88,7 @@ class Blender:
         output = Path(tempfile.mkdtemp(prefix=f"{name}_", dir=self.folder))
         script = shutil.copy(INSIDE / f"{name}.py", output)
         shutil.copy(INSIDE / "windowed.py", output)
-        found = self._run(
+        found = self.run(
             [how, "--python-exit-code", 3, "--python", script, "--", output, *arguments], seconds
         )
         assert found.returncode == 0, found.stdout

@@ -29,7 +29,7 @@ def test_a_farm_renders_the_same_pictures(installed, farm, engine):
         # It compiles its shaders for half a minute whenever it starts.
         parts = [sum(parts, ())]
     for arguments in parts:
-        found = farm._run(["run", file, "-o", "//farm_####", *arguments], 600)
+        found = farm.run(["run", file, "-o", "//farm_####", *arguments], 600)
         assert found.returncode == 0, found.stdout
     found = farm.script("bake_differences", made["folder"])
     assert not found["extension"]
