@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import compress, product
 
 import bpy
 import gpu
@@ -47,8 +47,12 @@ KEPT = 0.2
 LEAST_HALF = 1e-6
 """Metres: flat things have a box too."""
 
+STEP_BACK = 0.1
+"""How far a camera that brings the light stands behind a capture's centre, in least distances."""
+SMALL = 1e-6
+"""What its projection is multiplied by, which changes no picture."""
+
 OVERLAYS = (
-    "show_overlays",
     "show_annotation",
     "show_axis_x",
     "show_axis_y",
@@ -184,14 +188,10 @@ class Captures:
         reach = glass.reach()
         near, far = NEAR * reach, max(FAR * reach, space.clip_end)
         began = time.perf_counter()
-        # The light of Solid shading comes with the camera. So the camera stands as the view's, and
-        # only its projection is turned: things are lit as they are beside the glass.
         to_camera, projection = face_view(face, centre), face_projection(near, far)
-        if turned is not None and turns_projections():
-            to_face = to_camera[:3, :3] @ turned.T
-            to_camera[:3, :3], to_camera[:3, 3] = turned, -turned @ centre
-            projection[:, :3] = projection[:, :3] @ to_face
-        with _few_overlays(space):
+        if turned is not None:
+            to_camera, projection = lit_as_beside(to_camera, projection, turned, near)
+        with _plainly(space, bpy.context.preferences):
             self._face.draw_view3d(
                 scene,
                 layer,
@@ -257,35 +257,56 @@ class Captures:
 
 
 @contextmanager
-def _few_overlays(space: bpy.types.SpaceView3D) -> Iterator[None]:
-    """While a capture is drawn: no overlays in Solid; for EEVEE, which else writes no depths, as
-    few as there can be.
+def _plainly(space: bpy.types.SpaceView3D, preferences: bpy.types.Preferences) -> Iterator[None]:
+    """While a capture is drawn: no overlays in Solid, and one sample a pixel; for EEVEE, which else
+    writes no depths, as few overlays as there can be.
+
+    More samples are for smooth edges, of which a capture's depths know nothing. To take them
+    Blender shakes a projection as if it were not turned.
     """
     global _drawing
-    overlay = space.overlay
-    is_solid = space.shading.type == "SOLID"
-    before = {name: getattr(overlay, name) for name in OVERLAYS if hasattr(overlay, name)}
-    wanted = dict.fromkeys(before, False) | {"show_overlays": not is_solid}
-    if is_solid:
-        before = {"show_overlays": before["show_overlays"]}
-    changed = [name for name in before if before[name] != wanted[name]]
+    if space.shading.type == "SOLID":
+        wanted = [
+            (space.overlay, "show_overlays", False),
+            (preferences.system, "viewport_aa", "OFF"),
+        ]
+    else:
+        names = ("show_overlays", *(name for name in OVERLAYS if hasattr(space.overlay, name)))
+        wanted = [(space.overlay, name, name == "show_overlays") for name in names]
+    before = [(owner, name, getattr(owner, name)) for owner, name, _ in wanted]
+    changed = [one != other for one, other in zip(before, wanted, strict=True)]
+    unsaved = preferences.is_dirty
     _drawing = True
     try:
-        for name in changed:
-            setattr(overlay, name, wanted[name])
+        for setting in compress(wanted, changed):
+            setattr(*setting)
         yield
     finally:
-        for name in changed:
-            setattr(overlay, name, before[name])
+        for setting in compress(before, changed):
+            setattr(*setting)
+        preferences.is_dirty = unsaved
         _drawing = False
 
 
-def turns_projections() -> bool:
-    """Whether things are drawn by a projection that is turned, away from where the camera looks.
+def lit_as_beside(
+    to_face: np.ndarray, projection: np.ndarray, turned: np.ndarray, near: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(4, 4) twice: another camera and projection that draw the same picture, lit as the view is.
 
-    By Vulkan Blender 5.2 clips most of them. There the light of a capture is that of its faces.
+    The light of Solid shading comes with the camera. So the camera stands as the view's, (3, 3)
+    ``turned``, and its projection is turned instead.
+
+    Blender leaves out things that lie beside the eight corners of what a camera sees. It works
+    these out as if no projection were turned. The corners of a parallel projection with small
+    numbers lie far out on all sides, and Blender takes a projection for parallel whose last number
+    is not 0: so the camera stands a little behind the capture's centre.
     """
-    return gpu.platform.backend_type_get() != "VULKAN"
+    back = np.eye(4)
+    back[2, 3] = -STEP_BACK * near
+    turn = np.eye(4)
+    turn[:3, :3] = turned @ to_face[:3, :3].T
+    to_camera = turn @ back @ to_face
+    return to_camera, SMALL * projection @ to_face @ np.linalg.inv(to_camera)
 
 
 def axes(face: int) -> np.ndarray:

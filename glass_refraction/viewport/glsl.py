@@ -1187,6 +1187,23 @@ ivec2 pixel_for(vec2 at)
 
 float depth_near(vec2 at) { return depth_at(pixel_for(at)); }
 
+/* Depth at a place between pixels. Of a plane 1 / depth is linear, in a parallel view depth is. */
+float depth_between(vec2 at)
+{
+  ivec2 last = ivec2(view.size.xy) - 1;
+  if (texelFetch(depth_tx, clamp(ivec2(at), ivec2(0), last), 0).g != 0.0) {
+    return depth_near(at);
+  }
+  ivec2 low = ivec2(floor(at - 0.5));
+  vec2 t = at - 0.5 - vec2(low);
+  vec4 depths = vec4(depth_at(low), depth_at(low + ivec2(1, 0)), depth_at(low + ivec2(0, 1)),
+                     depth_at(low + ivec2(1, 1)));
+  bool parallel = view.eye.w < 0.5;
+  vec4 part = parallel ? depths : 1.0 / depths;
+  float mixed = mix(mix(part.x, part.y, t.x), mix(part.z, part.w, t.x), t.y);
+  return parallel ? mixed : 1.0 / mixed;
+}
+
 /* The colour at a place, of the thing that counts for it: at edges without the others'. */
 vec4 thing_at(vec2 at)
 {
@@ -1287,7 +1304,8 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   vec2 heading = span / pixels;
   vec2 per = 1.0 / max(abs(span), vec2(1e-6));
   float u = 0.0;
-  float shown_before = depth_near(a);
+  /* A ray that leaves a glass for the table that it stands on begins on the table. */
+  float shown_before = depth_between(a);
   float before = z0 + low * z1 - shown_before;
   float z_before = z0 + low * z1;
   bool behind = before > NEARER;
@@ -1550,7 +1568,7 @@ bool covered(vec3 p)
   }
   vec4 clip = view.to_clip * vec4(p, 1.0);
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
-  return depth_near(pixel) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
+  return depth_between(pixel) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
 }
 
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)
@@ -1686,7 +1704,7 @@ BETWEEN = (
 void main()
 {
   vec2 at = gl_FragCoord.xy / parts;
-  frag = vec4(depth_near(at), limb_at(at, vec2(1.0, 0.0)), 0.0, 0.0);
+  frag = vec4(depth_near(at), limb_at(at, vec2(1.0, 0.0)), depth_between(at), 0.0);
 }
 """
 )

@@ -203,16 +203,20 @@ def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
 
 
-def depths_between(values: np.ndarray, width: float, parts: int) -> tuple[np.ndarray, np.ndarray]:
+def depths_between(
+    values: np.ndarray, width: float, parts: int, *, parallel: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Depths that count at ``parts``² places in each pixel, for tests; needs a GPU context.
 
     Parameters
     ----------
     values : (height, width) depths of pixels. width : of a pixel, in the depths' unit.
+    parallel : what kind of view they are depths of.
 
     Returns
     -------
-    (rows, columns) each: the depths, and those of a round thing's edge to the left of each place.
+    (rows, columns) each: the depths, those of a round thing's edge to the left of each place, and
+    those of a surface that goes on from pixel to pixel.
     """
     height, columns = values.shape
     direct = Direct()
@@ -222,6 +226,7 @@ def depths_between(values: np.ndarray, width: float, parts: int) -> tuple[np.nda
     direct._mark_steps((width, 0.0))
     block = np.zeros((12 + CAPTURES, 4), np.float32)
     block[5, 0], block[10, :2] = width, direct.size
+    block[9, 3] = not parallel
     size = (parts * columns, parts * height)
     _, target = _target(size, "RGBA32F")
     shader = _shader("between")
@@ -242,7 +247,7 @@ def depths_between(values: np.ndarray, width: float, parts: int) -> tuple[np.nda
         _quad().draw(shader)
         read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
     read = read.reshape(size[1], size[0], 4)
-    return read[..., 0], read[..., 1]
+    return read[..., 0], read[..., 1], read[..., 2]
 
 
 class _Layer:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The documents' rendered pictures show what the extension renders: made again at half their size.
 
-The screenshots of windows are compared in a real Blender (tests/real_blender/test_guide_pictures.py).
+The screenshots of windows are compared in tests/real_blender/test_guide_pictures.py.
 """
 
 import sys

@@ -77,5 +77,11 @@ def test_the_edge_of_a_round_thing_lies_as_deep_as_its_axis(found):
     assert found["rods"] < 0.1
 
 
+@pytest.mark.parametrize("view", ["eye", "parallel"])
+def test_a_plane_is_a_plane_between_pixels(found, view):
+    """Rays that begin on a table met it or not by where in a pixel they began."""
+    assert found["planes"][view] < 1e-5
+
+
 def test_tiles_hold_the_nearest_and_farthest_of_their_pixels(found):
     assert found["tiles"] < 1e-6

@@ -246,7 +246,7 @@ def straight_edges(paint):
     for degrees in (3, 12, 27, 45, 63, 78, 87):
         normal = np.array((np.cos(np.radians(degrees)), np.sin(np.radians(degrees))))
         place = (x - 30.3) * normal[0] + (y - 24.1) * normal[1]
-        depths, _ = paint.depths_between(np.where(place < 0.0, 5.0, 9.0), 0.01, PARTS)
+        depths, *_ = paint.depths_between(np.where(place < 0.0, 5.0, 9.0), 0.01, PARTS)
         v, u = (np.mgrid[: PARTS * rows, : PARTS * columns] + 0.5) / PARTS
         apart = (u - 30.3) * normal[0] + (v - 24.1) * normal[1]
         wrong = (depths < 7.0) != (apart < 0.0)
@@ -264,10 +264,30 @@ def edges_of_rods(paint):
         x = np.arange(80) + 0.5 - (40.0 + shift)
         deep = 6.0 - width * np.sqrt(np.maximum(radius**2 - x**2, 0.0))
         row = np.where(np.abs(x) < radius, deep, 9.0)
-        _, limbs = paint.depths_between(np.tile(row, (9, 1)), width, PARTS)
+        _, limbs, _ = paint.depths_between(np.tile(row, (9, 1)), width, PARTS)
         first = int(np.argmax(np.abs(x) < radius))
         found = limbs[4 * PARTS + PARTS // 2, (first + 1) * PARTS : (first + 2) * PARTS]
         worst = max(worst, float(np.abs(found - 6.0).max()) / (width * radius))
+    return worst
+
+
+def planes(paint):
+    """By what part depths between pixels are off on a plane, seen from an eye and in parallel."""
+    rows, columns = 20, 30
+    v, u = (np.mgrid[: PARTS * rows, : PARTS * columns] + 0.5) / PARTS
+    y, x = np.mgrid[:rows, :columns] + 0.5
+    worst = {}
+    # The farther rows rise towards the horizon of a table.
+    depths = {
+        "eye": lambda x, y: 1.0 / (0.12 + 0.0004 * x - 0.0006 * y),
+        "parallel": lambda x, y: 5.0 + 0.03 * x - 0.02 * y,
+    }
+    for view, depth in depths.items():
+        parallel = view == "parallel"
+        # No slope is taken for an edge.
+        _, _, found = paint.depths_between(depth(x, y), 0.1, PARTS, parallel=parallel)
+        inside = np.s_[PARTS:-PARTS, PARTS:-PARTS]
+        worst[view] = float(np.abs(found / depth(u, v) - 1.0)[inside].max())
     return worst
 
 
@@ -281,6 +301,7 @@ def run():
         trees = __import__("importlib").import_module(f"{root.__name__}.viewport.trees")
         result["tiles"] = compare_tiles(paint)
         result["straight"], result["rods"] = straight_edges(paint), edges_of_rods(paint)
+        result["planes"] = planes(paint)
         print("exit_rays:", result, flush=True)
         for seed, (name, glass) in enumerate(shapes(optics).items()):
             result[name] = compare(optics, description, paint, glass, seed)
