@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
 
+from .columns import joined
 from .follow import Follower, way_codes
 from .hits import Shown, Ways
 from .lamps import Sun
@@ -76,7 +78,13 @@ def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.nd
 
 def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
     """One ray through the centre of each pixel (N,); those that meet a glass have ways."""
-    ways, lost = follower.ways(pixels, np.zeros((1, 2)))
+    parts, left, first = [], [], 0
+    for block in follower.blocks(pixels, np.zeros((1, 2))):
+        parts.append(replace(block.ways, ray=block.ways.ray + np.int32(first)))
+        left.append(block.lost)
+        first += len(block.pixels)
+    del block
+    ways, lost = joined(Ways, parts), np.concatenate(left)
     # What was not followed goes with what was.
     brought = np.bincount(ways.ray, ways.weight, len(lost))
     factor = (brought + lost) / np.maximum(brought, ENOUGH)
@@ -91,7 +99,7 @@ def _left(wanted: np.ndarray, brought: np.ndarray) -> np.ndarray:
 
 def finer_rays(
     coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
-) -> tuple[np.ndarray, PictureRays, PictureRays]:
+) -> Iterator[tuple[PictureRays, np.ndarray | None]]:
     """More rays in the pixels where ways end, spread as the pixel filter weighs places.
 
     Ways of a pixel's centre that do not end there stay, and those that carry little: only the
@@ -103,8 +111,8 @@ def finer_rays(
 
     Returns
     -------
-    kept : (K',) numbers of the ways of `coarse` that stay.
-    centre, finer : these ways, and those of the further rays.
+    The further rays, some of the pixels after the other, each with None; and last the centres with
+    those of their ways that stay, and the numbers of these.
     """
     pixel = coarse.pixel[coarse.ways.ray]
     tiers = FINER_OF_MESHES if follower.only_meshes else FINER
@@ -115,48 +123,42 @@ def finer_rays(
     # The facets of rough glass differ from ray to ray: none stands for the pixel.
     settled &= not follower.rough
     kept = np.flatnonzero(settled | ~rough[pixel])
-    ways = coarse.ways.take(kept)
-    known = pixel[kept]
+    centre = replace(coarse, ways=coarse.ways.take(kept))
+    return _finer(centre, kept, ends.pixel, tiers, sigma, follower)
+
+
+def _finer(
+    centre: PictureRays, kept: np.ndarray, ends: np.ndarray, tiers, sigma: float, follower: Follower
+) -> Iterator[tuple[PictureRays, np.ndarray | None]]:
+    """What `finer_rays` returns. ``kept`` : numbers of the centres' ways. ``ends`` : of pixels."""
+    known = centre.pixel[centre.ways.ray]
+    rough = ends > tiers[0][1]
     # Of no ways at all NumPy counts in whole numbers.
-    brought = np.bincount(known, ways.weight, len(ends.pixel)).astype(float)
-    wanted = brought.copy()
+    brought = np.bincount(known, centre.ways.weight, len(ends)).astype(float)
+    wanted, factor = brought.copy(), np.empty(len(ends))
     within = rough[known]
-    codes = np.sort(way_codes(known[within], ways.path[within]))
+    codes = np.sort(way_codes(known[within], centre.ways.path[within]))
+
+    def balance(pixels) -> None:
+        most = np.maximum(brought[pixels], ENOUGH * wanted[pixels])
+        factor[pixels] = wanted[pixels] / np.maximum(most, LEAST_SPREAD)
+
+    balance(slice(None))
     limits = [limit for _, limit in tiers[1:]] + [np.inf]
-    parts = []
     for (count, least), most in zip(tiers, limits, strict=True):
-        pixels = np.flatnonzero((ends.pixel > least) & (ends.pixel <= most))
-        more, lost = follower.ways(pixels, sigma * _lattice(count), codes)
-        share = np.full(len(lost), 1.0 / count)
-        part = PictureRays(np.repeat(pixels, count), share, np.zeros(len(lost)), more)
-        light = np.bincount(more.ray, more.weight, len(lost)).reshape(-1, count).mean(axis=1)
-        brought[pixels] += light
-        wanted[pixels] = light + lost.reshape(-1, count).mean(axis=1)
-        parts.append(part)
-    factor = wanted / np.maximum(np.maximum(brought, ENOUGH * wanted), LEAST_SPREAD)
-    finer = together(parts)
-    left = _left(wanted, brought * factor)[coarse.pixel]
-    dark = np.where(rough[coarse.pixel], left, coarse.dark)
-    return (
-        kept,
-        PictureRays(coarse.pixel, coarse.share, dark, ways.scaled(factor[known])),
-        replace(finer, ways=finer.ways.scaled(factor[finer.pixel[finer.ways.ray]])),
-    )
-
-
-def together(parts: list[PictureRays]) -> PictureRays:
-    """Rays of several kinds of pixels, numbered one after another."""
-    starts = np.cumsum([0, *(len(part.pixel) for part in parts)])
-    ways = [
-        replace(part.ways, ray=part.ways.ray + start)
-        for part, start in zip(parts, starts[:-1], strict=True)
-    ]
-    return PictureRays(
-        np.concatenate([part.pixel for part in parts]),
-        np.concatenate([part.share for part in parts]),
-        np.concatenate([part.dark for part in parts]),
-        Ways.joined(ways),
-    )
+        pixels = np.flatnonzero((ends > least) & (ends <= most))
+        for some, ways, lost in follower.blocks(pixels, sigma * _lattice(count), codes):
+            light = np.bincount(ways.ray, ways.weight, len(lost)).reshape(-1, count).mean(axis=1)
+            brought[some] += light
+            wanted[some] = light + lost.reshape(-1, count).mean(axis=1)
+            balance(some)
+            pixel = np.repeat(some, count)
+            ways = ways.scaled(factor[pixel[ways.ray]])
+            share = np.full(len(lost), 1.0 / count)
+            yield PictureRays(pixel, share, np.zeros(len(lost)), ways), None
+    left = _left(wanted, brought * factor)[centre.pixel]
+    dark = np.where(rough[centre.pixel], left, centre.dark)
+    yield replace(centre, dark=dark, ways=centre.ways.scaled(factor[known])), kept
 
 
 def _lattice(count: int) -> np.ndarray:

@@ -17,10 +17,10 @@ from ..read.glasses import Glass, as_body
 from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
 from .caster import Casters
+from .columns import joined
 from .curtain import curtain, looked_up
 from .edges import off_edges
 from .exits import (
-    PictureRays,
     centre_rays,
     ending,
     filter_sigma,
@@ -29,12 +29,11 @@ from .exits import (
     neighbours,
     spacing,
     sun_light,
-    together,
 )
 from .follow import Band, Follower, Kept
-from .hits import KNOWN, UNSEEN, Scene, Shown, Views, place_captures, place_skies, show
+from .hits import KNOWN, UNSEEN, Scene, Views, place_captures, place_skies, show
 from .meshes import GlassMeshes
-from .radiance import Clamp, known_light, stand_ins
+from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .sky import Sky
 from .things import Things
@@ -141,11 +140,22 @@ class FrameResult:
 
 
 @dataclass(frozen=True, eq=False)
-class Glints:
-    """Light of suns that comes straight to pixels (K,), by colour (K, 3)."""
+class Rays:
+    """What a picture's rays bring.
 
-    pixel: np.ndarray
-    colour: np.ndarray
+    Attributes
+    ----------
+    lookups : what shows the hits of their ways. count : rays that have ways.
+    lit_pixel, lit : (G,) pixels of the picture that suns shine into straight, and colours (G, 3).
+    dark_pixel, dark : (D,) pixels of which no way brings some light, and part of the pixel's.
+    """
+
+    lookups: Lookups
+    count: int
+    lit_pixel: np.ndarray
+    lit: np.ndarray
+    dark_pixel: np.ndarray
+    dark: np.ndarray
 
 
 def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> FrameResult:
@@ -162,9 +172,9 @@ def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> Fram
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
     scene = Scene(casters.things, frame.things, frame.sky)
     direct = direct_view(frame.view, frame.region, frame.near)
-    rays, shown, views, glints = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
+    rays, views = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
     tell("adding up the light")
-    return _summed(frame, scene, views, rays, shown, glints)
+    return _summed(frame, scene, views, rays)
 
 
 def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarray, float]:
@@ -220,8 +230,8 @@ def _followed(
     scale: float,
     room: Room,
     kept: Kept,
-):
-    """The picture's rays, what shows their hits, all views, and the suns' glints."""
+) -> tuple[Rays, Views]:
+    """What the picture's rays bring, and all views."""
     view = frame.view
     rects = [_cut(_rect(body, view), frame.region) for body in bodies]
     pixels = grid(rects, view.size)
@@ -258,12 +268,28 @@ def _followed(
     ends = ending(coarse, beside, shown, frame.things.surfaces(coarse.ways.triangle), view.size)
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
-    glint = Glints(beside.pixel, glints * coarse.ways.colour)
+    lit = np.flatnonzero(glints.any(axis=1))
+    lit_pixel = _window_pixels(beside.pixel[lit], view)
+    lit = glints[lit] * coarse.ways.colour[lit]
     tell(FOLLOWING)
-    kept, centre, finer = finer_rays(coarse, ends, sigma, follower)
-    shown = Shown.joined([shown.take(kept), show(scene, views, finer.ways)])
-    rays = together([centre, finer])
-    return rays, off_edges(scene, views, rays.ways, shown), views, glint
+    parts = finer_rays(coarse, ends, sigma, follower)
+    # The largest arrays are held no longer than they are needed.
+    del beside, coarse, ends, glints
+    found, count = [], 0
+    for rays, centres in parts:
+        ways = rays.ways
+        here = show(scene, views, ways) if centres is None else shown.take(centres)
+        pixel, share = rays.pixel[ways.ray], rays.share[ways.ray]
+        found.append(Lookups.of(scene, ways, here, _window_pixels(pixel, view), share, frame.clamp))
+        count += len(np.unique(ways.ray))
+    # The last ones, the centres, are summed first.
+    found.insert(0, found.pop())
+    some = np.flatnonzero(rays.dark)
+    dark_pixel, dark = _window_pixels(rays.pixel[some], view), rays.dark[some]
+    del rays, ways, here
+    lookups = joined(Lookups, found)
+    off_edges(scene, views, lookups.view, lookups.place, lookups.surface)
+    return Rays(lookups, count, lit_pixel, lit, dark_pixel, dark), views
 
 
 def _bands(glasses: Sequence[Glass]) -> list[Band]:
@@ -343,39 +369,36 @@ def _summed(
     frame: FrameInput,
     scene: Scene,
     views: Views,
-    rays: PictureRays,
-    shown: Shown,
-    glints: Glints,
+    rays: Rays,
 ) -> FrameResult:
     """The samples of all ways, packed for the compositor."""
-    ways = rays.ways
-    # A ray counts by its part of a pixel.
-    share = rays.share[ways.ray]
-    weight, dark_weight = ways.weight * share, rays.dark * rays.share
-    light = weight.sum() + dark_weight.sum()
-    unseen = weight[shown.view == UNSEEN].sum() + dark_weight.sum()
+    lookups = rays.lookups
+    pixel, weight, view_number = lookups.pixel, lookups.weight, lookups.view
+    light = weight.sum() + rays.dark.sum()
+    unseen = weight[view_number == UNSEEN].sum() + rays.dark.sum()
     unseen = float(unseen / light) if light > 0.0 else 0.0
-    told = shown
-    shown, guessed = stand_ins(scene.things, ways, shown)
-    known = known_light(scene.things, scene.normals, frame.sky, ways, told)
-    radiance = frame.clamp.limited(known, ways)
-    radiance += guessed
-    pixel = _window_pixels(rays.pixel[ways.ray], frame.view)
+    known = np.flatnonzero(view_number == KNOWN)
+    lacking, guessed = stand_ins(scene.things, lookups)
+    known, radiance = np.concatenate((known, lacking)), np.concatenate((lookups.light, guessed))
+    order = np.argsort(known, kind="stable")
+    known, radiance = known[order], radiance[order]
+    colour = radiance * lookups.colour[known] * lookups.share[known, None]
+    opaque = (view_number[known] == KNOWN) & ~lookups.clear[known]
+    opaque = (opaque * weight[known])[:, None] * np.ones(3)
     packed = PackedPixels(np.unique(pixel))
     width, height = _window_size(frame.view)
-    dark = np.flatnonzero(rays.dark)
-    dark_pixel = _window_pixels(rays.pixel[dark], frame.view)
     covering = np.bincount(pixel, weight, width * height)
-    covering += np.bincount(dark_pixel, dark_weight[dark], width * height)
+    covering += np.bincount(rays.dark_pixel, rays.dark, width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
     samples, parts, alphas, reports, curtains = [], [], [], [], []
     skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
     for number, view in enumerate(views):
-        some = np.flatnonzero(shown.view == number)
+        some = np.flatnonzero(view_number == number)
         order = some[np.argsort(pixel[some], kind="stable")]
         order = order[strongest(pixel[order], weight[order])]
-        uv = view.uv(shown.pixels[order]) if len(order) else np.zeros((0, 2))
-        part = pack(packed, pixel[order], uv, ways.colour[order] * share[order, None])
+        uv = view.uv(lookups.place[order]) if len(order) else np.zeros((0, 2))
+        tinted = lookups.colour[order] * lookups.share[order, None]
+        part = pack(packed, pixel[order], uv, tinted)
         alpha = np.zeros_like(part.colour)
         flat = alpha.reshape(-1, 4)
         flat[: len(order), :3] = weight[order, None]
@@ -383,7 +406,7 @@ def _summed(
         alphas.append(alpha)
         count, hidden = 1, NO_CURTAIN
         if view is not None and number:
-            used = looked_up(view, shown.pixels[some])
+            used = looked_up(view, lookups.place[some])
             hidden = curtain(view, used)
             worth = _worth(pixel[order], weight[order], covering.sum())
             count = max(1, int(np.ceil(worth * frame.samples)))
@@ -395,11 +418,6 @@ def _summed(
             name = f"sky {skies.index(number) + 1}" if view.sky_only else name
             carried = float(weight[order].sum() / light) if light > 0.0 else 0.0
             reports.append(ViewReport(name, count, carried))
-    lit = np.flatnonzero(glints.colour.any(axis=1))
-    lit_pixel = _window_pixels(glints.pixel[lit], frame.view)
-    colour = np.concatenate((radiance * ways.colour * share[:, None], glints.colour[lit]))
-    covers = (shown.view == KNOWN) & ~(ways.is_sky & frame.sky.is_clear(ways))
-    opaque = (covers * weight)[:, None] * np.ones(3)
     return FrameResult(
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
@@ -409,12 +427,15 @@ def _summed(
         alphas=tuple(alphas),
         spread=packed.spread((width, height)),
         beside=_grey(beside, (width, height)),
-        known=packed.known(frame.exposure * colour, np.concatenate((pixel, lit_pixel))),
-        known_alpha=packed.known(opaque, pixel),
+        known=packed.known(
+            frame.exposure * np.concatenate((colour, rays.lit)),
+            np.concatenate((pixel[known], rays.lit_pixel)),
+        ),
+        known_alpha=packed.known(opaque, pixel[known]),
         reports=tuple(reports),
         unseen=unseen,
-        rays=len(np.unique(ways.ray)),
-        ways=len(ways),
+        rays=rays.count,
+        ways=len(lookups),
         covered=int((covering > 0.0).sum()),
     )
 
