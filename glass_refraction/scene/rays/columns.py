@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Self, TypeVar
 
 import numpy as np
@@ -21,13 +22,18 @@ class Columns:
         return type(self)(*(part.take(which, axis=0) for part in vars(self).values()))
 
 
-def joined(kind: type[Kind], parts: list[Kind]) -> Kind:
-    """All of several parts of a kind, one after another; the list is empty then.
+def joined(kind: type[Kind], parts: Iterable[Kind]) -> Kind:
+    """All of several parts of a kind, at least one, one after another.
 
-    Columns are joined one by one and their parts forgotten: not all are held twice.
+    The columns grow by each part that comes: if nobody holds it, it is not held twice.
     """
-    if len(parts) == 1:
-        return parts.pop()
-    rows = [list(vars(part).values()) for part in parts]
-    parts.clear()
-    return kind(*(np.concatenate([row.pop(0) for row in rows]) for _ in range(len(rows[0]))))
+    columns: list[np.ndarray] = []
+    for part in parts:
+        rows = vars(part).values()
+        columns = columns or [np.empty((0, *row.shape[1:]), row.dtype) for row in rows]
+        for column, row in zip(columns, rows, strict=True):
+            count = len(column)
+            # Nobody else refers to its memory.
+            column.resize((count + len(row), *row.shape[1:]), refcheck=False)
+            column[count:] = row
+    return kind(*columns)

@@ -78,13 +78,17 @@ def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.nd
 
 def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
     """One ray through the centre of each pixel (N,); those that meet a glass have ways."""
-    parts, left, first = [], [], 0
-    for block in follower.blocks(pixels, np.zeros((1, 2))):
-        parts.append(replace(block.ways, ray=block.ways.ray + np.int32(first)))
-        left.append(block.lost)
-        first += len(block.pixels)
-    del block
-    ways, lost = joined(Ways, parts), np.concatenate(left)
+    left: list[np.ndarray] = []
+
+    def parts() -> Iterator[Ways]:
+        first = 0
+        for block, ways, lost in follower.blocks(pixels, np.zeros((1, 2))):
+            yield replace(ways, ray=ways.ray + np.int32(first))
+            left.append(lost)
+            first += len(block)
+
+    ways = joined(Ways, parts())
+    lost = np.concatenate(left)
     # What was not followed goes with what was.
     brought = np.bincount(ways.ray, ways.weight, len(lost))
     factor = (brought + lost) / np.maximum(brought, ENOUGH)
@@ -97,68 +101,74 @@ def _left(wanted: np.ndarray, brought: np.ndarray) -> np.ndarray:
     return np.maximum(wanted - brought, 0.0)
 
 
-def finer_rays(
-    coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
-) -> Iterator[tuple[PictureRays, np.ndarray | None]]:
+class FinerRays:
     """More rays in the pixels where ways end, spread as the pixel filter weighs places.
 
     Ways of a pixel's centre that do not end there stay, and those that carry little: only the
     others are followed through more places. Together they bring all the light that comes.
 
+    Attributes
+    ----------
+    kept : (K',) numbers of the ways of `coarse` that stay. pixel : (R,) of its rays.
+
     Parameters
     ----------
     coarse : one ray a pixel. ends : of its ways.
-
-    Returns
-    -------
-    The further rays, some of the pixels after the other, each with None; and last the centres with
-    those of their ways that stay, and the numbers of these.
     """
-    pixel = coarse.pixel[coarse.ways.ray]
-    tiers = FINER_OF_MESHES if follower.only_meshes else FINER
-    if follower.rough or not follower.fresnel:
-        tiers = FINER_IF_BLACK
-    rough = ends.pixel > tiers[0][1]
-    settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
-    # The facets of rough glass differ from ray to ray: none stands for the pixel.
-    settled &= not follower.rough
-    kept = np.flatnonzero(settled | ~rough[pixel])
-    centre = replace(coarse, ways=coarse.ways.take(kept))
-    return _finer(centre, kept, ends.pixel, tiers, sigma, follower)
 
+    def __init__(
+        self, coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
+    ) -> None:
+        self._sigma, self._follower, self._ends = sigma, follower, ends.pixel
+        self.pixel, self._dark = coarse.pixel, coarse.dark
+        self._tiers = FINER_OF_MESHES if follower.only_meshes else FINER
+        if follower.rough or not follower.fresnel:
+            self._tiers = FINER_IF_BLACK
+        self._rough = ends.pixel > self._tiers[0][1]
+        pixel = coarse.pixel[coarse.ways.ray]
+        settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
+        # The facets of rough glass differ from ray to ray: none stands for the pixel.
+        settled &= not follower.rough
+        self.kept = np.flatnonzero(settled | ~self._rough[pixel])
+        self._known = pixel[self.kept].astype(np.int32)
+        # Of no ways at all NumPy counts in whole numbers.
+        brought = np.bincount(self._known, coarse.ways.weight[self.kept], len(ends.pixel))
+        self._brought = brought.astype(float)
+        self._wanted = self._brought.copy()
+        within = self.kept[self._rough[self._known]]
+        self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
 
-def _finer(
-    centre: PictureRays, kept: np.ndarray, ends: np.ndarray, tiers, sigma: float, follower: Follower
-) -> Iterator[tuple[PictureRays, np.ndarray | None]]:
-    """What `finer_rays` returns. ``kept`` : numbers of the centres' ways. ``ends`` : of pixels."""
-    known = centre.pixel[centre.ways.ray]
-    rough = ends > tiers[0][1]
-    # Of no ways at all NumPy counts in whole numbers.
-    brought = np.bincount(known, centre.ways.weight, len(ends)).astype(float)
-    wanted, factor = brought.copy(), np.empty(len(ends))
-    within = rough[known]
-    codes = np.sort(way_codes(known[within], centre.ways.path[within]))
+    def parts(self) -> Iterator[PictureRays]:
+        """The further rays, some of the pixels after the other."""
+        limits = [limit for _, limit in self._tiers[1:]] + [np.inf]
+        for (count, least), most in zip(self._tiers, limits, strict=True):
+            pixels = np.flatnonzero((self._ends > least) & (self._ends <= most))
+            places = self._sigma * _lattice(count)
+            for some, ways, lost in self._follower.blocks(pixels, places, self._codes):
+                light = np.bincount(ways.ray, ways.weight, len(lost))
+                light, left = (part.reshape(-1, count).mean(axis=1) for part in (light, lost))
+                self._brought[some] += light
+                self._wanted[some] = light + left
+                pixel = np.repeat(some, count)
+                ways = ways.scaled(self._factor(some)[ways.ray // count])
+                share = np.full(len(lost), 1.0 / count)
+                yield PictureRays(pixel, share, np.zeros(len(lost)), ways)
 
-    def balance(pixels) -> None:
-        most = np.maximum(brought[pixels], ENOUGH * wanted[pixels])
-        factor[pixels] = wanted[pixels] / np.maximum(most, LEAST_SPREAD)
+    def _factor(self, pixels) -> np.ndarray:
+        """By what the ways of pixels are multiplied so that they bring all their light."""
+        most = np.maximum(self._brought[pixels], ENOUGH * self._wanted[pixels])
+        return self._wanted[pixels] / np.maximum(most, LEAST_SPREAD)
 
-    balance(slice(None))
-    limits = [limit for _, limit in tiers[1:]] + [np.inf]
-    for (count, least), most in zip(tiers, limits, strict=True):
-        pixels = np.flatnonzero((ends > least) & (ends <= most))
-        for some, ways, lost in follower.blocks(pixels, sigma * _lattice(count), codes):
-            light = np.bincount(ways.ray, ways.weight, len(lost)).reshape(-1, count).mean(axis=1)
-            brought[some] += light
-            wanted[some] = light + lost.reshape(-1, count).mean(axis=1)
-            balance(some)
-            pixel = np.repeat(some, count)
-            ways = ways.scaled(factor[pixel[ways.ray]])
-            share = np.full(len(lost), 1.0 / count)
-            yield PictureRays(pixel, share, np.zeros(len(lost)), ways), None
-    left = _left(wanted, brought * factor)[centre.pixel]
-    dark = np.where(rough[centre.pixel], left, centre.dark)
-    yield replace(centre, dark=dark, ways=centre.ways.scaled(factor[known])), kept
+    @property
+    def factor(self) -> np.ndarray:
+        """(K',) of the ways that stay, when all further rays are known."""
+        return self._factor(self._known)
+
+    @property
+    def dark(self) -> np.ndarray:
+        """(R,) what is dark in the pixels of `coarse` then."""
+        left = _left(self._wanted, self._brought * self._factor(slice(None)))[self.pixel]
+        return np.where(self._rough[self.pixel], left, self._dark)
 
 
 def _lattice(count: int) -> np.ndarray:

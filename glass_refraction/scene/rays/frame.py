@@ -6,7 +6,7 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,17 +21,17 @@ from .columns import joined
 from .curtain import curtain, looked_up
 from .edges import off_edges
 from .exits import (
+    FinerRays,
     centre_rays,
     ending,
     filter_sigma,
-    finer_rays,
     grid,
     neighbours,
     spacing,
     sun_light,
 )
 from .follow import Band, Follower, Kept
-from .hits import KNOWN, UNSEEN, Scene, Views, place_captures, place_skies, show
+from .hits import KNOWN, UNSEEN, Scene, Views, blocks_of, place_captures, place_skies, show
 from .meshes import GlassMeshes
 from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
@@ -272,24 +272,57 @@ def _followed(
     lit_pixel = _window_pixels(beside.pixel[lit], view)
     lit = glints[lit] * coarse.ways.colour[lit]
     tell(FOLLOWING)
-    parts = finer_rays(coarse, ends, sigma, follower)
+    finer = FinerRays(coarse, ends, sigma, follower)
+    centres = (coarse.ways.take(finer.kept), shown.take(finer.kept), coarse.pixel)
+    counts: list[int] = []
+    parts = _lookups(frame, scene, views, finer, [centres], counts)
     # The largest arrays are held no longer than they are needed.
-    del beside, coarse, ends, glints
-    found, count = [], 0
-    for rays, centres in parts:
+    del beside, coarse, ends, glints, shown, centres
+    found = joined(Lookups, parts)
+    stay = len(finer.kept)
+    found.weight[:stay] *= finer.factor
+    found.colour[:stay] *= finer.factor[:, None]
+    off_edges(scene, views, found.view, found.place, found.surface)
+    dark = finer.dark
+    some = np.flatnonzero(dark)
+    dark_pixel = _window_pixels(finer.pixel[some], view)
+    return Rays(found, sum(counts), lit_pixel, lit, dark_pixel, dark[some]), views
+
+
+def _lookups(
+    frame: FrameInput, scene: Scene, views: Views, finer: FinerRays, centres: list, counts: list
+) -> Iterator[Lookups]:
+    """What shows the ways of the centres that stay, and of the finer rays.
+
+    Parameters
+    ----------
+    centres : their ways, what shows these, and the pixel of each ray; it is emptied.
+    counts : gets how many rays have ways, of each part.
+    """
+    ways, shown, pixel = centres.pop()
+    counts.append(len(np.unique(ways.ray)))
+    for rows in blocks_of(len(ways)):
+        some = ways.take(rows)
+        yield Lookups.of(
+            scene,
+            some,
+            shown.take(rows),
+            _window_pixels(pixel[some.ray], frame.view),
+            np.ones(len(rows)),
+            frame.clamp,
+        )
+    del ways, shown
+    for rays in finer.parts():
         ways = rays.ways
-        here = show(scene, views, ways) if centres is None else shown.take(centres)
-        pixel, share = rays.pixel[ways.ray], rays.share[ways.ray]
-        found.append(Lookups.of(scene, ways, here, _window_pixels(pixel, view), share, frame.clamp))
-        count += len(np.unique(ways.ray))
-    # The last ones, the centres, are summed first.
-    found.insert(0, found.pop())
-    some = np.flatnonzero(rays.dark)
-    dark_pixel, dark = _window_pixels(rays.pixel[some], view), rays.dark[some]
-    del rays, ways, here
-    lookups = joined(Lookups, found)
-    off_edges(scene, views, lookups.view, lookups.place, lookups.surface)
-    return Rays(lookups, count, lit_pixel, lit, dark_pixel, dark), views
+        counts.append(len(np.unique(ways.ray)))
+        yield Lookups.of(
+            scene,
+            ways,
+            show(scene, views, ways),
+            _window_pixels(rays.pixel[ways.ray], frame.view),
+            rays.share[ways.ray],
+            frame.clamp,
+        )
 
 
 def _bands(glasses: Sequence[Glass]) -> list[Band]:

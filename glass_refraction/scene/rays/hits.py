@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -231,11 +231,14 @@ class Scene:
 
 def show(scene: Scene, views: Views, ways: Ways) -> Shown:
     """For each way the view that shows its hit best; the first view is the direct picture."""
-    if len(ways) <= TOGETHER:
-        return _show(scene, views, ways)
-    starts = range(0, len(ways), TOGETHER)
-    blocks = (np.arange(first, min(first + TOGETHER, len(ways))) for first in starts)
-    return joined(Shown, [_show(scene, views, ways.take(block)) for block in blocks])
+    return joined(Shown, (_show(scene, views, ways.take(b)) for b in blocks_of(len(ways))))
+
+
+def blocks_of(count: int) -> Iterator[np.ndarray]:
+    """Numbers up to a count, at most so many together as are looked for together; one block at
+    least."""
+    for first in range(0, max(1, count), TOGETHER):
+        yield np.arange(first, min(first + TOGETHER, count))
 
 
 def _show(scene: Scene, views: Views, ways: Ways) -> Shown:
