@@ -116,7 +116,7 @@ class FrameResult:
     samples : a pixel, of each of these. far : metres, how far each must see.
     curtains : of each, see :func:`curtain.curtain`.
     views : the pictures of each view's samples, the direct picture's first.
-    alphas : weights without tints of the same samples.
+    weights : (K,) without tints, of the same samples.
     spread, beside, known, known_alpha : see :mod:`sum_tree`.
     reports : of each view. unseen : part of the hits' light that no view shows.
     rays : that bring any light. ways : of these. covered : pixels that any glass covers.
@@ -127,7 +127,7 @@ class FrameResult:
     far: tuple[float, ...]
     curtains: tuple[tuple[np.ndarray, np.ndarray], ...]
     views: tuple[Packed, ...]
-    alphas: tuple[np.ndarray, ...]
+    weights: tuple[np.ndarray, ...]
     spread: np.ndarray
     beside: np.ndarray
     known: np.ndarray
@@ -423,7 +423,7 @@ def _summed(
     covering = np.bincount(pixel, weight, width * height)
     covering += np.bincount(rays.dark_pixel, rays.dark, width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
-    samples, parts, alphas, reports, curtains = [], [], [], [], []
+    samples, parts, weights, reports, curtains = [], [], [], [], []
     skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
     for number, view in enumerate(views):
         some = np.flatnonzero(view_number == number)
@@ -432,11 +432,8 @@ def _summed(
         uv = view.uv(lookups.place[order]) if len(order) else np.zeros((0, 2))
         tinted = lookups.colour[order] * lookups.share[order, None]
         part = pack(packed, pixel[order], uv, tinted)
-        alpha = np.zeros_like(part.colour)
-        flat = alpha.reshape(-1, 4)
-        flat[: len(order), :3] = weight[order, None]
         parts.append(part)
-        alphas.append(alpha)
+        weights.append(weight[order].astype(np.float32))
         count, hidden = 1, NO_CURTAIN
         if view is not None and number:
             used = looked_up(view, lookups.place[some])
@@ -457,7 +454,7 @@ def _summed(
         far=tuple(_far(frame.things, view) for view in views[1:]),
         curtains=tuple(curtains[1:]),
         views=tuple(parts),
-        alphas=tuple(alphas),
+        weights=tuple(weights),
         spread=packed.spread((width, height)),
         beside=_grey(beside, (width, height)),
         known=packed.known(

@@ -11,7 +11,7 @@ import numpy as np
 from ..build.node_sums import NodeSums
 from ..names import TAG, hidden_name, own
 from ..read.arrays import write_image
-from .samples import LEVELS, Packed
+from .samples import EARLY, LEVELS, Packed
 
 _VALUES = "refractive_glass_values"
 SPLINE_REACH = 6
@@ -76,14 +76,16 @@ class Pictures:
         if image is not None:
             write_image(image, pixels)
 
-    def write_view(self, number: int, packed: Packed) -> None:
-        """Set the pictures of one view's samples."""
+    def write_view(self, number: int, packed: Packed, weight: np.ndarray) -> None:
+        """Set the pictures of one view's samples, of weights (K,) without tints."""
         self.write(packed.where, number, "where")
         self.write(packed.colour, number, "colour")
         for level, (first, second) in enumerate(packed.pairs):
             self.write(first, number, "first", level)
             self.write(second, number, "second", level)
-        self.write(packed.into, number, "into")
+        for place, into in enumerate(packed.into):
+            self.write(into, number, "into", place)
+        self.write(packed.alpha(weight), number, "alpha")
 
 
 def new_image(name: str, role: str) -> bpy.types.Image:
@@ -142,11 +144,15 @@ class _ViewTree(_Lookups):
         # Alpha is what the samples' weights show; a tint takes none of it.
         colour = self._picture(number, kind)
         found = self._vector("MULTIPLY", looked_up, colour)
+        done = None
         for level in range(LEVELS):
+            if level == EARLY:
+                done = self._at(found, self._picture(number, "into", 0))
             first = self._at(found, self._picture(number, "first", level))
             second = self._at(found, self._picture(number, "second", level))
             found = self._vector("ADD", first, second)
-        found = self._at(found, self._picture(number, "into"))
+        rest = self._at(found, self._picture(number, "into", 1))
+        found = self._vector("ADD", done, rest)
         self._link(found, self._node("NodeGroupOutput").inputs["Image"])
 
     def _sharpened(self, image):

@@ -41,7 +41,7 @@ from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
 from .radiance import Clamp
-from .samples import LEVELS
+from .samples import EARLY, LEVELS
 from .sky import sky_of
 from .sum_tree import Pictures, SumTree, border_factors, write_kernels
 from .things import read_things
@@ -83,7 +83,7 @@ def prepare(scene: bpy.types.Scene) -> None:
         _fill_view(scene, view)
     _match_views(scene, views)
     alpha = scene.render.film_transparent
-    structure = f"true {ROOM} {LEVELS} {alpha}"
+    structure = f"true {ROOM} {EARLY} {LEVELS} {alpha}"
     node = group_node(scene)
     if node is None or node.node_tree is None or node.node_tree.get(_STRUCTURE) != structure:
         counters["structures"] += 1
@@ -322,9 +322,8 @@ def _filter_size(scene: bpy.types.Scene) -> float:
 
 def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameResult) -> None:
     pictures = Pictures(scene)
-    for number, (packed, alpha) in enumerate(zip(result.views, result.alphas, strict=True)):
-        pictures.write_view(number, packed)
-        pictures.write(alpha, number, "alpha")
+    for number, (packed, weight) in enumerate(zip(result.views, result.weights, strict=True)):
+        pictures.write_view(number, packed, weight)
     for name in ("spread", "beside", "known"):
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")

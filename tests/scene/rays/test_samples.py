@@ -7,6 +7,7 @@ import pytest
 import scenes
 
 from glass_refraction.scene.rays.samples import (
+    EARLY,
     LEVELS,
     MOST,
     WIDTH,
@@ -36,9 +37,11 @@ def map_uv(picture, where):
 def summed(packed, looked_up, spread):
     """Follow the compositor's way through the pictures of one view: (height, width, 3) float32."""
     found = looked_up * packed.colour[..., :3]
-    for first, second in packed.pairs:
+    for level, (first, second) in enumerate(packed.pairs):
+        if level == EARLY:
+            done = map_uv(found, packed.into[0])
         found = map_uv(found, first) + map_uv(found, second)
-    return map_uv(map_uv(found, packed.into), spread)
+    return map_uv(done + map_uv(found, packed.into[1]), spread)
 
 
 def _samples(random, most, pixels=300, size=(40, 30)):
@@ -179,7 +182,7 @@ def test_blenders_compositor_adds_up_the_same(tmp_path):
     beside = np.full((24, 32, 4), 0.5, np.float32)
 
     def fill(pictures):
-        pictures.write_view(0, packed)
+        pictures.write_view(0, packed, colour[:, 0])
         pictures.write(everywhere.spread((32, 24)), "spread")
         pictures.write(beside, "beside")
         pictures.write(everywhere.known(known, pixels), "known")
