@@ -11,7 +11,7 @@ import numpy as np
 
 from .columns import joined
 from .follow import Follower, way_codes
-from .hits import Shown, Ways
+from .hits import TOGETHER, Shown, Ways
 from .lamps import Sun
 from .radiance import UNLIMITED, Clamp
 
@@ -139,7 +139,20 @@ class FinerRays:
         self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
 
     def parts(self) -> Iterator[PictureRays]:
-        """The further rays, some of the pixels after the other."""
+        """The further rays in bundles, as many of their ways together as are looked for together.
+
+        Each block of pixels alone would mean more and smaller casts.
+        """
+        ready: list[PictureRays] = []
+        for block in self._blocks():
+            ready.append(block)
+            if sum(len(part.ways) for part in ready) >= TOGETHER:
+                yield together(ready)
+                ready = []
+        if ready:
+            yield together(ready)
+
+    def _blocks(self) -> Iterator[PictureRays]:
         limits = [limit for _, limit in self._tiers[1:]] + [np.inf]
         for (count, least), most in zip(self._tiers, limits, strict=True):
             pixels = np.flatnonzero((self._ends > least) & (self._ends <= most))
@@ -169,6 +182,16 @@ class FinerRays:
         """(R,) what is dark in the pixels of `coarse` then."""
         left = _left(self._wanted, self._brought * self._factor(slice(None)))[self.pixel]
         return np.where(self._rough[self.pixel], left, self._dark)
+
+
+def together(parts: list[PictureRays]) -> PictureRays:
+    """Rays of several blocks of pixels, numbered one after another."""
+    starts = np.cumsum([0, *(len(part.pixel) for part in parts)], dtype=np.int32)
+    numbered = zip(parts, starts[:-1], strict=True)
+    return PictureRays(
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("pixel", "share", "dark")),
+        joined(Ways, (replace(part.ways, ray=part.ways.ray + first) for part, first in numbered)),
+    )
 
 
 def _lattice(count: int) -> np.ndarray:

@@ -126,8 +126,8 @@ class FrameResult:
     samples: tuple[int, ...]
     far: tuple[float, ...]
     curtains: tuple[tuple[np.ndarray, np.ndarray], ...]
-    views: tuple[Packed, ...]
-    weights: tuple[np.ndarray, ...]
+    views: list[Packed]
+    weights: list[np.ndarray]
     spread: np.ndarray
     beside: np.ndarray
     known: np.ndarray
@@ -412,6 +412,8 @@ def _summed(
     unseen = float(unseen / light) if light > 0.0 else 0.0
     known = np.flatnonzero(view_number == KNOWN)
     lacking, guessed = stand_ins(scene.things, lookups)
+    # A quarter of all that is held, and no longer needed.
+    lookups.at = lookups.at[:0].copy()
     known, radiance = np.concatenate((known, lacking)), np.concatenate((lookups.light, guessed))
     order = np.argsort(known, kind="stable")
     known, radiance = known[order], radiance[order]
@@ -453,8 +455,8 @@ def _summed(
         samples=tuple(samples[1:]),
         far=tuple(_far(frame.things, view) for view in views[1:]),
         curtains=tuple(curtains[1:]),
-        views=tuple(parts),
-        weights=tuple(weights),
+        views=parts,
+        weights=weights,
         spread=packed.spread((width, height)),
         beside=_grey(beside, (width, height)),
         known=packed.known(

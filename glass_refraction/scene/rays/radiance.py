@@ -68,7 +68,7 @@ def known_light(things: Things, normals: np.ndarray, sky: Sky, ways: Ways) -> np
     return out
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Lookups(Columns):
     """What is left of ways when it is known what shows their hits.
 

@@ -41,7 +41,7 @@ class Packed:
 
     where: np.ndarray
     colour: np.ndarray
-    pairs: tuple[tuple[np.ndarray, np.ndarray], ...]
+    pairs: list[tuple[np.ndarray, np.ndarray]]
     into: tuple[np.ndarray, np.ndarray]
 
     def alpha(self, weight: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ def pack(pixels: PackedPixels, pixel: np.ndarray, uv: np.ndarray, colour: np.nda
         pairs.append(tuple(map(_picture, places)))
         at, below = np.arange(len(owner)), _rows(len(owner))
     end(owner, at, below)
-    return Packed(_picture(where, rows), _picture(colour, rows), tuple(pairs), tuple(into))
+    return Packed(_picture(where, rows), _picture(colour, rows), pairs, tuple(into))
 
 
 def strongest(pixel: np.ndarray, weight: np.ndarray) -> np.ndarray:

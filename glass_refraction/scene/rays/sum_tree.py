@@ -77,15 +77,19 @@ class Pictures:
             write_image(image, pixels)
 
     def write_view(self, number: int, packed: Packed, weight: np.ndarray) -> None:
-        """Set the pictures of one view's samples, of weights (K,) without tints."""
+        """Set the pictures of one view's samples, of weights (K,) without tints.
+
+        Those of pairs are forgotten one by one, so that Blender's copies take their room.
+        """
         self.write(packed.where, number, "where")
         self.write(packed.colour, number, "colour")
-        for level, (first, second) in enumerate(packed.pairs):
+        self.write(packed.alpha(weight), number, "alpha")
+        for level in range(len(packed.pairs)):
+            first, second = packed.pairs.pop(0)
             self.write(first, number, "first", level)
             self.write(second, number, "second", level)
         for place, into in enumerate(packed.into):
             self.write(into, number, "into", place)
-        self.write(packed.alpha(weight), number, "alpha")
 
 
 def new_image(name: str, role: str) -> bpy.types.Image:

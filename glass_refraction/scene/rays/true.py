@@ -322,8 +322,8 @@ def _filter_size(scene: bpy.types.Scene) -> float:
 
 def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameResult) -> None:
     pictures = Pictures(scene)
-    for number, (packed, weight) in enumerate(zip(result.views, result.weights, strict=True)):
-        pictures.write_view(number, packed, weight)
+    for number in range(len(result.views)):
+        pictures.write_view(number, result.views.pop(0), result.weights.pop(0))
     for name in ("spread", "beside", "known"):
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")

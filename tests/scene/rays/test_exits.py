@@ -10,7 +10,6 @@ import pytest
 import scenes
 
 from glass_refraction import optics
-from glass_refraction.scene.rays.columns import joined
 from glass_refraction.scene.rays.exits import (
     FINER,
     LATTICE,
@@ -25,6 +24,7 @@ from glass_refraction.scene.rays.exits import (
     grid,
     neighbours,
     sun_light,
+    together,
 )
 from glass_refraction.scene.rays.follow import Block, unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
@@ -160,15 +160,10 @@ def test_places_of_many_rays_share_no_row_and_no_column(count):
 def _finer(coarse, ends, sigma, follower):
     """Numbers of the ways that stay, these of the centres, and the finer rays."""
     finer = FinerRays(coarse, ends, sigma, follower)
-    parts, first = [], 0
-    for part in finer.parts():
-        parts.append(replace(part, ways=replace(part.ways, ray=part.ways.ray + first)))
-        first += len(part.pixel)
-    ways = joined(Ways, [part.ways for part in parts])
-    columns = (np.concatenate([getattr(p, n) for p in parts]) for n in ("pixel", "share", "dark"))
+    more = together(list(finer.parts()))
     centre = replace(coarse, dark=finer.dark, ways=coarse.ways.take(finer.kept))
     centre = replace(centre, ways=centre.ways.scaled(finer.factor))
-    return finer.kept, centre, PictureRays(*columns, ways)
+    return finer.kept, centre, more
 
 
 def test_finer_rays_lie_in_their_pixels_and_share_it():
