@@ -117,7 +117,7 @@ class FrameResult:
     curtains : of each, see :func:`curtain.curtain`.
     views : the pictures of each view's samples, the direct picture's first.
     weights : (K,) without tints, of the same samples.
-    spread, beside, known, known_alpha : see :mod:`sum_tree`.
+    spread, known, known_alpha : see :mod:`sum_tree`.
     reports : of each view. unseen : part of the hits' light that no view shows.
     rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     """
@@ -129,7 +129,6 @@ class FrameResult:
     views: list[Packed]
     weights: list[np.ndarray]
     spread: np.ndarray
-    beside: np.ndarray
     known: np.ndarray
     known_alpha: np.ndarray
     reports: tuple[ViewReport, ...]
@@ -457,8 +456,7 @@ def _summed(
         curtains=tuple(curtains[1:]),
         views=parts,
         weights=weights,
-        spread=packed.spread((width, height)),
-        beside=_grey(beside, (width, height)),
+        spread=packed.spread(beside.reshape(height, width)),
         known=packed.known(
             frame.exposure * np.concatenate((colour, rays.lit)),
             np.concatenate((pixel[known], rays.lit_pixel)),
@@ -505,9 +503,3 @@ def _window_pixels(pixel: np.ndarray, view: Viewpoint) -> np.ndarray:
 def _window_size(view: Viewpoint) -> tuple[int, int]:
     x0, y0, x1, y1 = view.window
     return x1 - x0, y1 - y0
-
-
-def _grey(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    out = np.ones((len(values), 4), np.float32)
-    out[:, :3] = values[:, None]
-    return out.reshape(size[1], size[0], 4)

@@ -66,11 +66,14 @@ class PackedPixels:
         sums = [np.bincount(place, column, len(self.pixels)) for column in values.T]
         return _picture(np.stack(sums, axis=1) if len(sums) else np.empty((0, 3)))
 
-    def spread(self, size: tuple[int, int]) -> np.ndarray:
-        """Picture (height, width, 4) that brings the packed pixels to their places."""
-        width, height = size
+    def spread(self, beside: np.ndarray) -> np.ndarray:
+        """Picture (height, width, 4) that brings the packed pixels to their places.
+
+        Its alpha is ``beside`` (height, width): the part of each pixel that no glass covers.
+        """
+        height, width = beside.shape
         out = np.zeros((height * width, 4), np.float32)
-        out[:, 3] = 1.0
+        out[:, 3] = beside.ravel()
         out[self.pixels, :3] = _places(np.arange(len(self.pixels)), _rows(len(self.pixels)))
         return out.reshape(height, width, 4)
 
@@ -90,7 +93,10 @@ def pack(pixels: PackedPixels, pixel: np.ndarray, uv: np.ndarray, colour: np.nda
     pairs, into = [], []
 
     def end(owner: np.ndarray, at: np.ndarray, below: int) -> None:
-        found = np.zeros((len(pixels.pixels), 3), np.float32)
+        # One row of nothing is enough to be added to something.
+        is_nothing = not len(owner) and (into or not len(pixel))
+        count = 0 if is_nothing else len(pixels.pixels)
+        found = np.zeros((count, 3), np.float32)
         found[np.searchsorted(pixels.pixels, owner)] = _places(at, below)
         into.append(_picture(found))
 

@@ -108,12 +108,12 @@ class _Lookups(NodeSums):
         self.tree = bpy.data.node_groups.new(hidden_name(role, *name), "CompositorNodeTree")
         self.tree[TAG] = role
 
-    def _picture(self, *parts: object):
+    def _picture(self, *parts: object, output: str = "Image"):
         name = image_name(self._scene, *parts)
         found = (i for i in bpy.data.images if own(i, "picture") and i.name == name)
         node = self._node("CompositorNodeImage")
         node.image = next(found, None) or new_image(name, "picture")
-        return node.outputs["Image"]
+        return node.outputs[output]
 
     def _at(self, image, where, method: str = "Nearest"):
         node = self._node("CompositorNodeMapUV")
@@ -200,7 +200,7 @@ class SumTree(_Lookups):
         start = self._node("NodeGroupInput")
         direct = Outputs(start.outputs["Image"], start.outputs["Alpha"])
         views = [direct, *(self._capture(capture) for capture in captures)]
-        beside = self._split(self._picture("beside"))
+        beside = self._picture("spread", output="Alpha")
         whole = self._vector("ADD", self._scaled(direct.image, beside), self._summed(views))
         through = self._math("MULTIPLY", direct.alpha, beside)
         if alpha:

@@ -186,7 +186,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         covered=result.covered,
     )
     memory.status = status
-    memory.covered = result.beside[..., 0] < UNCOVERED
+    memory.covered = result.spread[..., 3] < UNCOVERED
     return status
 
 
@@ -324,7 +324,7 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
     pictures = Pictures(scene)
     for number in range(len(result.views)):
         pictures.write_view(number, result.views.pop(0), result.weights.pop(0))
-    for name in ("spread", "beside", "known"):
+    for name in ("spread", "known"):
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
     height, width = result.spread.shape[:2]

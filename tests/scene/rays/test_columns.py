@@ -67,7 +67,7 @@ def _computed(scene, monkeypatch):
         depsgraph = scene_depsgraph(scene)
         true.update(scene, depsgraph, read_viewpoint(scene, depsgraph))
     (result,) = results
-    pictures = [result.spread, result.beside, result.known]
+    pictures = [result.spread, result.known]
     for view, weight in zip(result.views, result.weights, strict=True):
         pictures += [view.where, view.colour, weight, *view.into, *sum(view.pairs, ())]
     return pictures, counters["exit_rays"] - before
