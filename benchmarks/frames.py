@@ -19,6 +19,8 @@ from glass_refraction.scene.build.own_scenes import find_own_scenes
 from glass_refraction.scene.memory import counters
 from glass_refraction.scene.rays import frame, true
 from glass_refraction.scene.rays.caster import Caster
+from glass_refraction.scene.rays.follow import Follower
+from glass_refraction.scene.rays.radiance import Lookups
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.viewpoint import read_viewpoint, samples_setting
 
@@ -31,7 +33,12 @@ TITLE = "What of a frame is ours"
 
 STAGES = {
     "reading": ((true, "_read"),),
-    "exit rays": ((frame, "centre_rays"), (frame, "finer_rays")),
+    "exit rays": (
+        (frame, "centre_rays"),
+        (Follower, "_traced"),
+        (Follower, "_of_kept"),
+        (Follower, "_ended"),
+    ),
     "casts": ((Caster, "aim"), (Caster, "cast")),
     "views": (
         (frame, "place_captures"),
@@ -40,7 +47,7 @@ STAGES = {
         (frame, "ending"),
         (frame, "off_edges"),
     ),
-    "shares": ((frame, "_summed"),),
+    "shares": ((Lookups, "of"), (frame, "_summed")),
     "writing": ((true, "_write"),),
 }
 """Functions by the stage whose time theirs is, without that of others called within."""

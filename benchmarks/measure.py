@@ -44,6 +44,13 @@ def seconds(function: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
+def cpu_seconds(function: Callable[[], object]) -> float:
+    """CPU time of one call, all threads."""
+    started = time.process_time()
+    function()
+    return time.process_time() - started
+
+
 def spread(samples: list[float]) -> dict[str, float]:
     """Median, least and greatest of some samples, and all of them."""
     return {

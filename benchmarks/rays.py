@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+import bmesh
 import bpy
 import numpy as np
 
@@ -20,7 +21,7 @@ from glass_refraction.scene.read.glasses import Glass
 from glass_refraction.scene.read.mesh_glasses import Interface, MeshGlass, mesh_glass
 
 from .cases import BALL, BOWL, BUBBLE, TUMBLER
-from .measure import seconds, spread
+from .measure import cpu_seconds, seconds, spread
 from .plots import Chart
 from .settings import Settings
 from .text import table
@@ -81,6 +82,7 @@ def run(settings: Settings) -> dict:
     """All figures of this part."""
     return {
         "shapes": [_shape(settings, place, name) for place, name in enumerate(SHAPES)],
+        "meshes": list(_meshes(settings)),
         "hard": [row for case in _hard_cases(settings) for row in _hard(case)],
     }
 
@@ -126,6 +128,59 @@ def _shape(settings: Settings, place: int, name: str) -> dict:
         "imbalance": imbalance(found),
         "seconds": spread([seconds(follow) for _ in range(settings.pick(1, 2, 3))]),
     }
+
+
+# --- meshes against closed forms -----------------------------------------------------------------
+
+TRIANGLES = (1_000, 10_000, 100_000)
+SIDEWAYS = np.array([(-1.0, 0.0, 0.0)])
+
+
+def _meshes(settings: Settings) -> Iterator[dict]:
+    """A ball as meshes of more and more triangles: CPU time of a ray, and the closed form's."""
+    side = settings.pick(10, 140, 320)
+    # Row by row, as a picture's: neighbours meet the same boxes of the tree.
+    y, z = np.linspace(-0.04, 0.04, side), np.linspace(0.0, 0.08, side)
+    directions = np.stack(np.broadcast_arrays(0.0, y, z[:, None]), axis=-1).reshape(-1, 3) - EYE
+    count = len(directions)
+
+    def follow(glasses, **named):
+        return optics.exit_rays(glasses, EYE, directions, min_weight=MIN_WEIGHT, **named)
+
+    def timed(glasses, **named) -> dict:
+        ways = len(follow(glasses, **named).ray)
+        repeats = range(settings.pick(1, 2, 3))
+        taken = [cpu_seconds(lambda: follow(glasses, **named)) for _ in repeats]
+        return {"rays": count, "ways": ways, "seconds": spread(taken)}
+
+    yield {"triangles": 0, "built": 0.0, **timed(placed(SHAPES["ball"]))}
+    for triangles in settings.pick(TRIANGLES[:1], TRIANGLES[:2], TRIANGLES):
+        mesh = _ball(triangles)
+        glass = Glass("Ball", mesh, np.eye(4), CLEAR_MEDIA)
+
+        def build(glass=glass) -> GlassMeshes:
+            met = GlassMeshes(_casters().meshes, [glass], NO_SHIFT, 2.0 * BALL.radius[0])
+            # The first cast makes the tree of boxes.
+            met.meet(np.array([EYE]), SIDEWAYS)
+            return met
+
+        built = cpu_seconds(build)
+        row = timed(placed_glasses([glass]), meet=build().meet)
+        yield {"triangles": len(mesh.points), "built": built, **row}
+
+
+def _ball(triangles: int) -> MeshGlass:
+    """The ball as a mesh of about so many triangles, with its true normals at their corners."""
+    rings = round((triangles / 4.0) ** 0.5)
+    mesh = bpy.data.meshes.new("Ball")
+    ball = bmesh.new()
+    bmesh.ops.create_uvsphere(
+        ball, u_segments=2 * rings, v_segments=rings + 1, radius=BALL.radius[0]
+    )
+    ball.to_mesh(mesh)
+    ball.free()
+    mesh.shade_smooth()
+    return mesh_glass(mesh, np.eye(4), Interface(BALL.ior[0]))
 
 
 # --- hard cases ----------------------------------------------------------------------------------
@@ -386,6 +441,26 @@ def describe(found: dict) -> list[str]:
                 row["imbalance"],
             )
             for row in found["shapes"]
+        ],
+    )
+    closed, *meshes = found["meshes"]
+    lines += [
+        f"The ball as a mesh with interpolated normals: {closed['rays']} rays of a picture, by the "
+        "caster of renders; CPU time of all threads. *Handed over*: the mesh to the caster, once, "
+        "with its tree of boxes.",
+        "",
+    ]
+    lines += table(
+        ("triangles", "ways a ray", "µs a ray", "over the closed form", "handed over, ms"),
+        [
+            (
+                row["triangles"] or "closed form",
+                row["ways"] / row["rays"],
+                1e6 * row["seconds"]["median"] / row["rays"],
+                row["seconds"]["median"] / closed["seconds"]["median"],
+                1e3 * row["built"],
+            )
+            for row in (closed, *meshes)
         ],
     )
     lines += [

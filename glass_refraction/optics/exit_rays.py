@@ -240,10 +240,10 @@ class _Followed:
         self.between()
         self.steps += 1
         met = self.meet(live)
-        free = self.look(live, met)
         finite = np.isfinite(met.way)
         near = self.touching(live.place, np.where(finite, met.way, 0.0))
         contact = near + 2.0 * self.accuracy
+        free = self.look(live, met.way + contact)
         seen = free < np.where(finite, met.way - contact, np.inf)
         leaked = met.leaked & ~seen
         ends = (seen | ~finite) & ~leaked
@@ -348,18 +348,18 @@ class _Followed:
             )
         return found
 
-    def look(self, live: _Live, met: _Met) -> Floats:
-        """Metres (L,) to the nearest thing, looked for where one can be; the rays note which."""
+    def look(self, live: _Live, far: Floats) -> Floats:
+        """Metres (L,) to the nearest thing, looked for where one can be; the rays note which.
+
+        `far`: as far as things may touch the next interface, whatever the ray starts from.
+        """
         free = np.full(len(live), np.inf)
         live.thing = np.full(len(live), -1, dtype=np.int32)
         if self.cast is None or not len(live):
             return free
         some = slice(None)
         if self.things is not None:
-            # As far as things may touch the interface, whatever the ray starts from.
-            far = np.where(np.isfinite(met.way), met.way, 0.0)
-            margin = self.touching(live.place, far) + 2.0 * self.accuracy
-            some = np.flatnonzero(_meets_boxes(self.things, live, met.way + margin))
+            some = np.flatnonzero(_meets_boxes(self.things, live, far))
             if not len(some):
                 return free
         aside, along = columns(live.aside, some), columns(live.direction, some)
@@ -375,7 +375,7 @@ class _Followed:
         for things from that are reflected where one touches it; 0 where none does. Between thing
         and interface is a film of the medium behind it: what gets through sees the thing.
         """
-        children: dict[int, tuple[_Live, _Live, _Live, tuple]] = {}
+        children: dict[int, tuple[_Live, _Live, list[_Live], tuple]] = {}
 
         def work(block: slice) -> None:
             self.between()
@@ -390,11 +390,11 @@ class _Followed:
                 self.rows.append((seen, np.zeros(len(seen))))
             if len(dark):
                 self.rows.append((dark, np.full(len(dark), np.inf)))
-            further.append(followed)
+            further += followed
             lost += np.bincount(*dropped, len(lost))
         return _Live.join(further) if further else live
 
-    def _split(self, live: _Live, met: _Met, near, lift) -> tuple[_Live, _Live, tuple]:
+    def _split(self, live: _Live, met: _Met, near, lift) -> tuple[_Live, _Live, list, tuple]:
         """Rays that see what touches, rays to follow, and (ray, weight) of what is dropped."""
         live.place += met.way * live.direction
         crossing = self._crossing(live, met)
@@ -424,9 +424,9 @@ class _Followed:
         sunk = self._sunk(turned, flat, straight)
         mirrored = direction + (2.0 * cosine) * normal
         live.events = events
-        through = self._child(live, on, turned, weights[0])
-        through.medium, through.entered = columns(met.after, on), columns(crossing.entered, on)
-        off = self._child(live, back, units(mirrored), weights[1])
+        beyond = {"medium": met.after, "entered": crossing.entered}
+        through = self._child(live, on, direction=turned, weight=weights[0], **beyond)
+        off = self._child(live, back, direction=units(mirrored), weight=weights[1])
         if self.tints is not None:
             through.depth += np.where(straight, 0.0, self.tints[0, met.glass].T)[:, on]
             off.depth += self.tints[1, met.glass[back]].T
@@ -445,13 +445,12 @@ class _Followed:
         seen, dark = (through.take(np.flatnonzero(which)) for which in (touches, ends))
         if len(seen) or len(dark):
             through = through.take(np.flatnonzero(~(touches | ends)))
-        if self.fresnel:
-            through = _Live.join([through, off])
-        else:
+        further = [through, off]
+        if not self.fresnel:
             # A surface that only refracts is black where it would reflect totally, as in Cycles.
-            dark = _Live.join([dark, off])
+            further, dark = [through], _Live.join([dark, off])
         dark.depth = np.full_like(dark.depth, np.inf)
-        return seen, dark, through, dropped
+        return seen, dark, further, dropped
 
     def _sunk(self, turned: Floats, flat: Floats, straight) -> NDArray[np.bool_]:
         """Which refracted rays (3, L) are behind the face; others end black, as in Cycles.
@@ -463,10 +462,10 @@ class _Followed:
         return straight | (dot(turned, flat) < 0.0)
 
     @staticmethod
-    def _child(live: _Live, which, direction: Floats, weight: Floats) -> _Live:
-        """Some of the rays in other directions, with other weights."""
-        child = replace(live, direction=direction, weight=weight).take(which)
-        child.aside = np.zeros(child.aside.shape)
+    def _child(live: _Live, which, **parts) -> _Live:
+        """Some of the rays, of which parts are others."""
+        child = replace(live, aside=live.aside[:0], **parts).take(which)
+        child.aside = np.zeros((len(live.aside), len(which)))
         return child
 
     def _least(self, live: _Live, events, straight) -> Floats:
@@ -671,16 +670,21 @@ GRAIN = 2.0**-22
 def _meets_boxes(boxes: Floats, live: _Live, way: Floats) -> NDArray[np.bool_]:
     """Which rays come into one of the boxes (B, 2, 3) within a way."""
     found = np.zeros(len(way), dtype=bool)
-    # A direction of 0 is taken as one too small to matter.
-    along = np.where(np.abs(live.direction) < LEAST, LEAST, live.direction)
-    inverse = 1.0 / along
-    for low, high in boxes:
-        margin = TOUCHING * max(np.abs(low).max(), np.abs(high).max()) + _grain(boxes)
-        begin = ((low - margin)[:, None] - live.place) * inverse
-        end = ((high + margin)[:, None] - live.place) * inverse
-        enters = np.minimum(begin, end).max(axis=0)
-        leaves = np.maximum(begin, end).min(axis=0)
-        found |= (enters <= np.minimum(leaves, way)) & (leaves >= 0.0)
+    margin = TOUCHING * np.abs(boxes).max(axis=(1, 2)) + _grain(boxes)
+    lows, highs = boxes[:, 0] - margin[:, None], boxes[:, 1] + margin[:, None]
+
+    def work(block: slice) -> None:
+        place, along, least = live.place[:, block], live.direction[:, block], way[block]
+        # A direction of 0 is taken as one too small to matter.
+        inverse = 1.0 / np.where(np.abs(along) < LEAST, LEAST, along)
+        for low, high in zip(lows, highs, strict=True):
+            begin, end = ((side[:, None] - place) * inverse for side in (low, high))
+            near, far = np.minimum(begin, end), np.maximum(begin, end)
+            enters = np.maximum(np.maximum(near[0], near[1]), near[2])
+            leaves = np.minimum(np.minimum(far[0], far[1]), far[2])
+            found[block] |= (enters <= np.minimum(leaves, least)) & (leaves >= 0.0)
+
+    in_blocks(work, len(way))
     return found
 
 

@@ -38,6 +38,9 @@ def test_exit_rays_keep_all_light_and_ask_the_caster_once_a_step():
         assert 0 < row["met"] <= row["rays"] <= row["ways"]
         assert row["casts"] <= row["steps"]
         assert row["rays"] <= row["rays_cast"] <= row["steps"] * row["ways"]
+    closed, *meshes = found["meshes"]
+    assert [row["triangles"] > 0 for row in (closed, *meshes)] == [False] + [True] * len(meshes)
+    assert all(row["ways"] == pytest.approx(closed["ways"], rel=0.1) for row in meshes)
     assert rays.describe(found)
 
 

@@ -7,12 +7,13 @@ be seen through the glass with a line of the other along its border.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
-from .hits import Scene, Shown, Views, Ways
+from .hits import TOGETHER, Scene, Views
 from .views import RadianceView
 
 STEP = 3.0
@@ -27,27 +28,30 @@ MARGIN_PX = 2
 """Pixels kept round what is drawn, so that no neighbour's neighbour lies outside."""
 
 
-def off_edges(scene: Scene, views: Views, ways: Ways, shown: Shown) -> Shown:
-    """The same lookups, beside silhouettes moved to the middle of a pixel that shows their surface.
+def off_edges(scene: Scene, views: Views, view: np.ndarray, pixels: np.ndarray, surface) -> None:
+    """Move lookups beside silhouettes to the middle of a pixel that shows their surface.
 
     A lookup moves by less than two pixels, as far as it must: what surfaces show near their own
     border stays. It stays where it is if a thing is too thin in a view to fill a pixel's middle.
+
+    Parameters
+    ----------
+    view, pixels : (K,) number of the view and frame pixels (K, 2) in it, of each lookup; the
+        pixels are changed. surface : (K,) numbers of the surfaces that they look for.
     """
-    pixels = shown.pixels.copy()
-    surface = scene.things.surfaces(ways.triangle)
-    for number, view in enumerate(views):
-        rows = np.flatnonzero(shown.view == number)
-        if len(rows) and not view.sky_only:
-            pixels[rows] = _moved(scene, view, pixels[rows], surface[rows])
-    return Shown(shown.view, pixels)
+    for number, shown in enumerate(views):
+        rows = np.flatnonzero(view == number)
+        if not len(rows) or shown.sky_only:
+            continue
+        blocks = np.split(rows, range(TOGETHER, len(rows), TOGETHER))
+        seen = _Seen.by(scene, shown, (pixels[block] for block in blocks))
+        for block in blocks:
+            pixels[block] = _moved(seen, shown, pixels[block], surface[block])
 
 
-def _moved(scene: Scene, view: RadianceView, pixels: np.ndarray, surface: np.ndarray) -> np.ndarray:
+def _moved(seen: _Seen, view: RadianceView, pixels: np.ndarray, surface: np.ndarray) -> np.ndarray:
     """Places (K, 2) near those given where a view's picture shows the surfaces (K,)."""
-    low, high = np.array(view.region[:2]), np.array(view.region[2:])
-    origin = low - MARGIN_PX
-    cell = np.floor(pixels).astype(np.intp) - origin
-    seen = _Seen.by(scene, view, cell, origin, high - low + 2 * MARGIN_PX)
+    cell = np.floor(pixels).astype(np.intp) - seen.origin
     near = np.flatnonzero(seen.at(seen.is_border, cell))
     found, left = cell.copy(), near
     for step in AROUND:
@@ -58,11 +62,12 @@ def _moved(scene: Scene, view: RadianceView, pixels: np.ndarray, surface: np.nda
     moved = pixels.copy()
     moved[near] += found[near] - cell[near]
     for axis in range(2):
-        middle = found[near, axis] + origin[axis] + 0.5
+        middle = found[near, axis] + seen.origin[axis] + 0.5
         below, above = (seen.at(side, found[near]) for side in seen.borders[axis])
         place = moved[near, axis]
         place = np.where(above & ~below, np.minimum(place, middle), place)
         moved[near, axis] = np.where(below & ~above, np.maximum(place, middle), place)
+    low, high = np.array(view.region[:2]), np.array(view.region[2:])
     return np.clip(moved, low + 0.5, high - 0.5)
 
 
@@ -72,38 +77,50 @@ class _Seen:
 
     Attributes
     ----------
+    origin : (2,) the frame's pixel in column and row 0.
     surface : numbers, −1 for the sky, or `UNKNOWN`.
     borders : for x and for y, beside which pixels something else is seen nearer or farther: before
         them (left, below) and after them.
     is_border : whether that is so on any side.
     """
 
+    origin: np.ndarray
     surface: np.ndarray
     borders: tuple[tuple[np.ndarray, np.ndarray], ...]
     is_border: np.ndarray
 
     @staticmethod
-    def by(scene: Scene, view: RadianceView, cells, origin, size) -> _Seen:
-        """What the neighbours of cells (K, 2) show; ``origin`` is the pixel of cell 0, 0."""
-        width, height = size
+    def by(scene: Scene, view: RadianceView, lookups: Iterable[np.ndarray]) -> _Seen:
+        """What the neighbours of lookups (K, 2) show, of several bundles."""
+        origin = np.array(view.region[:2]) - MARGIN_PX
+        width, height = np.array(view.region[2:]) + MARGIN_PX - origin
         asked = np.zeros((height, width), bool)
-        asked[cells[:, 1], cells[:, 0]] = True
+        for pixels in lookups:
+            x, y = (np.floor(pixels).astype(np.intp) - origin).T
+            asked[y, x] = True
         for axis in range(2):
             asked = _spread(asked, axis, MARGIN_PX)
-        row, column = np.nonzero(asked)
-        origins, directions = view.rays(np.stack((column, row), axis=1) + origin + 0.5)
-        distance, triangle = scene.caster.cast(origins, directions)
-        met = triangle >= 0
-        surface, sine = scene.things.surfaces(triangle), np.ones(len(row))
-        normal = scene.normals[triangle[met]]
-        sine[met] = np.abs(np.einsum("nk,nk->n", directions[met], normal))
-        # Metres a pixel, there.
-        pixel = (1.0 if view.is_parallel else np.where(met, distance, 0.0)) / view.focal_px
-        slope = STEP * pixel / np.maximum(sine, LEAST_SINE)
-        number, far, step = (np.full(asked.shape, none) for none in (UNKNOWN, np.inf, 0.0))
-        number[row, column], far[row, column], step[row, column] = surface, distance, slope
+        number, far, step = (
+            np.full(asked.shape, none, kind)
+            for none, kind in ((UNKNOWN, np.int32), (np.inf, float), (0.0, float))
+        )
+        cells = np.flatnonzero(asked)
+        for block in np.split(cells, range(TOGETHER, len(cells), TOGETHER)):
+            row, column = np.divmod(block, width)
+            origins, directions = view.rays(np.stack((column, row), axis=1) + origin + 0.5)
+            distance, triangle = scene.caster.cast(origins, directions)
+            met = triangle >= 0
+            sine = np.ones(len(row))
+            normal = scene.normals[triangle[met]]
+            sine[met] = np.abs(np.einsum("nk,nk->n", directions[met], normal))
+            # Metres a pixel, there.
+            pixel = (1.0 if view.is_parallel else np.where(met, distance, 0.0)) / view.focal_px
+            number[row, column], far[row, column] = scene.things.surfaces(triangle), distance
+            step[row, column] = STEP * pixel / np.maximum(sine, LEAST_SINE)
         borders = tuple(_borders(number, far, step, axis) for axis in (1, 0))
-        return _Seen(number, borders, np.logical_or.reduce([b for pair in borders for b in pair]))
+        return _Seen(
+            origin, number, borders, np.logical_or.reduce([b for pair in borders for b in pair])
+        )
 
     @staticmethod
     def at(picture: np.ndarray, cell: np.ndarray) -> np.ndarray:

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
 
+from .columns import joined
 from .follow import Follower, way_codes
-from .hits import Shown, Ways
+from .hits import TOGETHER, Shown, Ways
 from .lamps import Sun
 from .radiance import UNLIMITED, Clamp
 
@@ -76,7 +78,17 @@ def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.nd
 
 def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
     """One ray through the centre of each pixel (N,); those that meet a glass have ways."""
-    ways, lost = follower.ways(pixels, np.zeros((1, 2)))
+    left: list[np.ndarray] = []
+
+    def parts() -> Iterator[Ways]:
+        first = 0
+        for block, ways, lost in follower.blocks(pixels, np.zeros((1, 2))):
+            yield replace(ways, ray=ways.ray + np.int32(first))
+            left.append(lost)
+            first += len(block)
+
+    ways = joined(Ways, parts())
+    lost = np.concatenate(left)
     # What was not followed goes with what was.
     brought = np.bincount(ways.ray, ways.weight, len(lost))
     factor = (brought + lost) / np.maximum(brought, ENOUGH)
@@ -89,73 +101,96 @@ def _left(wanted: np.ndarray, brought: np.ndarray) -> np.ndarray:
     return np.maximum(wanted - brought, 0.0)
 
 
-def finer_rays(
-    coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
-) -> tuple[np.ndarray, PictureRays, PictureRays]:
+class FinerRays:
     """More rays in the pixels where ways end, spread as the pixel filter weighs places.
 
     Ways of a pixel's centre that do not end there stay, and those that carry little: only the
     others are followed through more places. Together they bring all the light that comes.
 
+    Attributes
+    ----------
+    kept : (K',) numbers of the ways of `coarse` that stay. pixel : (R,) of its rays.
+
     Parameters
     ----------
     coarse : one ray a pixel. ends : of its ways.
-
-    Returns
-    -------
-    kept : (K',) numbers of the ways of `coarse` that stay.
-    centre, finer : these ways, and those of the further rays.
     """
-    pixel = coarse.pixel[coarse.ways.ray]
-    tiers = FINER_OF_MESHES if follower.only_meshes else FINER
-    if follower.rough or not follower.fresnel:
-        tiers = FINER_IF_BLACK
-    rough = ends.pixel > tiers[0][1]
-    settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
-    # The facets of rough glass differ from ray to ray: none stands for the pixel.
-    settled &= not follower.rough
-    kept = np.flatnonzero(settled | ~rough[pixel])
-    ways = coarse.ways.take(kept)
-    known = pixel[kept]
-    # Of no ways at all NumPy counts in whole numbers.
-    brought = np.bincount(known, ways.weight, len(ends.pixel)).astype(float)
-    wanted = brought.copy()
-    within = rough[known]
-    codes = np.sort(way_codes(known[within], ways.path[within]))
-    limits = [limit for _, limit in tiers[1:]] + [np.inf]
-    parts = []
-    for (count, least), most in zip(tiers, limits, strict=True):
-        pixels = np.flatnonzero((ends.pixel > least) & (ends.pixel <= most))
-        more, lost = follower.ways(pixels, sigma * _lattice(count), codes)
-        share = np.full(len(lost), 1.0 / count)
-        part = PictureRays(np.repeat(pixels, count), share, np.zeros(len(lost)), more)
-        light = np.bincount(more.ray, more.weight, len(lost)).reshape(-1, count).mean(axis=1)
-        brought[pixels] += light
-        wanted[pixels] = light + lost.reshape(-1, count).mean(axis=1)
-        parts.append(part)
-    factor = wanted / np.maximum(np.maximum(brought, ENOUGH * wanted), LEAST_SPREAD)
-    finer = together(parts)
-    left = _left(wanted, brought * factor)[coarse.pixel]
-    dark = np.where(rough[coarse.pixel], left, coarse.dark)
-    return (
-        kept,
-        PictureRays(coarse.pixel, coarse.share, dark, ways.scaled(factor[known])),
-        replace(finer, ways=finer.ways.scaled(factor[finer.pixel[finer.ways.ray]])),
-    )
+
+    def __init__(
+        self, coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
+    ) -> None:
+        self._sigma, self._follower, self._ends = sigma, follower, ends.pixel
+        self.pixel, self._dark = coarse.pixel, coarse.dark
+        self._tiers = FINER_OF_MESHES if follower.only_meshes else FINER
+        if follower.rough or not follower.fresnel:
+            self._tiers = FINER_IF_BLACK
+        self._rough = ends.pixel > self._tiers[0][1]
+        pixel = coarse.pixel[coarse.ways.ray]
+        settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
+        # The facets of rough glass differ from ray to ray: none stands for the pixel.
+        settled &= not follower.rough
+        self.kept = np.flatnonzero(settled | ~self._rough[pixel])
+        self._known = pixel[self.kept].astype(np.int32)
+        # Of no ways at all NumPy counts in whole numbers.
+        brought = np.bincount(self._known, coarse.ways.weight[self.kept], len(ends.pixel))
+        self._brought = brought.astype(float)
+        self._wanted = self._brought.copy()
+        within = self.kept[self._rough[self._known]]
+        self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
+
+    def parts(self) -> Iterator[PictureRays]:
+        """The further rays in bundles, as many of their ways together as are looked for together.
+
+        Each block of pixels alone would mean more and smaller casts.
+        """
+        ready: list[PictureRays] = []
+        for block in self._blocks():
+            ready.append(block)
+            if sum(len(part.ways) for part in ready) >= TOGETHER:
+                yield together(ready)
+                ready = []
+        if ready:
+            yield together(ready)
+
+    def _blocks(self) -> Iterator[PictureRays]:
+        limits = [limit for _, limit in self._tiers[1:]] + [np.inf]
+        for (count, least), most in zip(self._tiers, limits, strict=True):
+            pixels = np.flatnonzero((self._ends > least) & (self._ends <= most))
+            places = self._sigma * _lattice(count)
+            for some, ways, lost in self._follower.blocks(pixels, places, self._codes):
+                light = np.bincount(ways.ray, ways.weight, len(lost))
+                light, left = (part.reshape(-1, count).mean(axis=1) for part in (light, lost))
+                self._brought[some] += light
+                self._wanted[some] = light + left
+                pixel = np.repeat(some, count)
+                ways = ways.scaled(self._factor(some)[ways.ray // count])
+                share = np.full(len(lost), 1.0 / count)
+                yield PictureRays(pixel, share, np.zeros(len(lost)), ways)
+
+    def _factor(self, pixels) -> np.ndarray:
+        """By what the ways of pixels are multiplied so that they bring all their light."""
+        most = np.maximum(self._brought[pixels], ENOUGH * self._wanted[pixels])
+        return self._wanted[pixels] / np.maximum(most, LEAST_SPREAD)
+
+    @property
+    def factor(self) -> np.ndarray:
+        """(K',) of the ways that stay, when all further rays are known."""
+        return self._factor(self._known)
+
+    @property
+    def dark(self) -> np.ndarray:
+        """(R,) what is dark in the pixels of `coarse` then."""
+        left = _left(self._wanted, self._brought * self._factor(slice(None)))[self.pixel]
+        return np.where(self._rough[self.pixel], left, self._dark)
 
 
 def together(parts: list[PictureRays]) -> PictureRays:
-    """Rays of several kinds of pixels, numbered one after another."""
-    starts = np.cumsum([0, *(len(part.pixel) for part in parts)])
-    ways = [
-        replace(part.ways, ray=part.ways.ray + start)
-        for part, start in zip(parts, starts[:-1], strict=True)
-    ]
+    """Rays of several blocks of pixels, numbered one after another."""
+    starts = np.cumsum([0, *(len(part.pixel) for part in parts)], dtype=np.int32)
+    numbered = zip(parts, starts[:-1], strict=True)
     return PictureRays(
-        np.concatenate([part.pixel for part in parts]),
-        np.concatenate([part.share for part in parts]),
-        np.concatenate([part.dark for part in parts]),
-        Ways.joined(ways),
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("pixel", "share", "dark")),
+        joined(Ways, (replace(part.ways, ray=part.ways.ray + first) for part, first in numbered)),
     )
 
 

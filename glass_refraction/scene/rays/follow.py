@@ -8,8 +8,9 @@ ways are the same to the bit whether they were kept or not, and whichever rays g
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ..memory import counters
 from ..progress import check
 from ..read.viewpoint import Viewpoint
 from .caster import Caster
+from .columns import joined
 from .hits import Ways
 from .meshes import GlassMeshes
 
@@ -40,6 +42,15 @@ MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
 
+class Block(NamedTuple):
+    """Pixels (N,), numbers rising, the ways of as many rays in each, pixel by pixel, and of each
+    ray the part of its light that is not in them."""
+
+    pixels: np.ndarray
+    ways: Ways
+    lost: np.ndarray
+
+
 @dataclass
 class Kept:
     """What was followed without looking for things, by the places of its rays in a pixel.
@@ -47,14 +58,11 @@ class Kept:
     Attributes
     ----------
     stamp : of eye and glasses.
-    parts : least weight and places -> pixels (N,), rising, and the ways of their rays, pixel by
-        pixel; light lost.
+    parts : least weight and places -> blocks one behind another in the picture.
     """
 
     stamp: tuple = ()
-    parts: dict[tuple[float, bytes], tuple[np.ndarray, Ways, np.ndarray]] = field(
-        default_factory=dict
-    )
+    parts: dict[tuple[float, bytes], list[Block]] = field(default_factory=dict)
 
     def match(self, stamp: tuple) -> None:
         """Forget what was found for another eye or other glasses."""
@@ -65,7 +73,7 @@ class Kept:
     @property
     def ways(self) -> int:
         """How many ways are kept."""
-        return sum(len(ways) for _, ways, _ in self.parts.values())
+        return sum(len(block.ways) for blocks in self.parts.values() for block in blocks)
 
 
 @dataclass
@@ -107,32 +115,38 @@ class Follower:
         # The facets of rough glasses share out the light: of each way there are many.
         return self.min_weight * (1.0 if self.rough else FINE)
 
-    def ways(
+    def blocks(
         self, pixels: np.ndarray, places: np.ndarray, settled: np.ndarray | None = None
-    ) -> tuple[Ways, np.ndarray]:
+    ) -> Iterator[Block]:
         """Ways of rays through places (P, 2) of each pixel (N,), numbers rising, from its centre.
 
-        Rays are numbered pixel by pixel. Those that meet no glass first have no way.
+        Rays that meet no glass first have no way.
 
         Parameters
         ----------
         settled : sorted `way_codes` of ways that are known and left out here; ways that carry less
             than `fine_weight` are not followed then. None: all are followed.
 
-        Returns
-        -------
-        ways : of all rays.
-        lost : (N · P,) the part of each ray's light that is not in them.
+        Yields
+        ------
+        At least one block, each of a part of the pixels.
         """
         least = self.min_weight if settled is None else self.fine_weight
-        if not self._apart:
-            ways, lost = self._traced(pixels, places, least, things=True)
-            return unsettled(ways, lost, pixels, len(places), settled)
-        ways, lost = self._kept(pixels, places, least)
-        seen = self._unhidden(ways, pixels, places)
-        ways = ways.take(np.flatnonzero(seen[ways.ray]))
-        ways, lost = unsettled(ways, lost * seen, pixels, len(places), settled)
-        return self._ended(ways), lost
+        key = (least, places.tobytes())
+        known = self.kept.parts.pop(key, [])
+        room, kept = MOST_KEPT - self.kept.ways, []
+        for part, old in _divided(pixels, known, max(1, TOGETHER // len(places))):
+            if self._apart:
+                whole = self._whole(part, places, least, old)
+                room -= len(whole.ways)
+                kept = [*kept, whole] if len(whole.pixels) and room >= 0 else []
+                ways, lost = self._of_kept(whole, part, places)
+            else:
+                ways, lost = self._traced(part, places, least, things=True)
+            ways, lost = unsettled(ways, lost, part, len(places), settled)
+            yield Block(part, self._ended(ways) if self._apart else ways, lost)
+        if kept:
+            self.kept.parts[key] = kept
 
     def _rays(self, pixels: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         width = self.view.size[0]
@@ -144,19 +158,6 @@ class Follower:
         return np.array(origins), np.array(directions)
 
     def _traced(
-        self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
-    ) -> tuple[Ways, np.ndarray]:
-        """The ways of rays through places of each pixel, a block of pixels after the other."""
-        step = max(1, TOGETHER // len(places))
-        parts, lost = [], []
-        for first in range(0, max(1, len(pixels)), step):
-            block = pixels[first : first + step]
-            ways, left = self._traced_together(block, places, least, things=things)
-            parts.append(replace(ways, ray=ways.ray + first * len(places)))
-            lost.append(left)
-        return Ways.joined(parts), np.concatenate(lost)
-
-    def _traced_together(
         self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
     ) -> tuple[Ways, np.ndarray]:
         origins, directions = self._rays(pixels, places)
@@ -183,42 +184,47 @@ class Follower:
             lost += ends.lost * share
             parts.append(
                 Ways(
-                    ends.ray[met],
+                    ends.ray[met].astype(np.int32),
                     ends.path[met] ^ np.int64(number << 1),
                     weight * share,
                     weight[:, None] * np.exp(-ends.depth[met]) * colour,
                     ends.origin[met],
                     ends.direction[met],
                     ends.distance[met],
-                    ends.thing[met],
-                    ends.events[met],
+                    ends.thing[met].astype(np.int32),
+                    ends.events[met].astype(np.int16),
                     ends.rough[met],
                 )
             )
-        return Ways.joined(parts), lost
+        return joined(Ways, parts), lost
 
-    def _kept(
-        self, pixels: np.ndarray, places: np.ndarray, least: float
+    def _whole(
+        self, pixels: np.ndarray, places: np.ndarray, least: float, old: Block | None
+    ) -> Block:
+        """An old block and the ways, without things, of those pixels that it has not."""
+        if old is None:
+            return Block(pixels, *self._traced(pixels, places, least, things=False))
+        new = np.setdiff1d(pixels, old.pixels, assume_unique=True)
+        if not len(new):
+            return old
+        traced = self._traced(new, places, least, things=False)
+        return _merged(old, Block(new, *traced), len(places))
+
+    def _of_kept(
+        self, kept: Block, pixels: np.ndarray, places: np.ndarray
     ) -> tuple[Ways, np.ndarray]:
-        """Ways without things, of which those that are not known are followed."""
-        count, key = len(places), (least, places.tobytes())
-        known, ways, lost = self.kept.parts.get(key, (np.zeros(0, np.intp), None, np.zeros(0)))
-        new = np.setdiff1d(pixels, known, assume_unique=True)
-        if ways is None or len(new):
-            more, more_lost = self._traced(new, places, least, things=False)
-            known, ways, lost = _merged(known, ways, lost, new, more, more_lost, count)
-            if self.kept.ways + len(ways) <= MOST_KEPT:
-                self.kept.parts[key] = known, ways, lost
-        if len(known) == len(pixels):
-            return ways, lost
-        chosen = np.searchsorted(known, pixels)
-        number = np.full(len(known), -1, np.intp)
-        number[chosen] = np.arange(len(pixels))
-        pixel, ray = np.divmod(ways.ray, count)
-        rows = np.flatnonzero(number[pixel] >= 0)
-        some = ways.take(rows)
-        some.ray[:] = number[pixel[rows]] * count + ray[rows]
-        return some, lost.reshape(-1, count)[chosen].ravel()
+        """The ways of some pixels of a block that no thing hides from the eye, and lost light."""
+        count, ways, lost = len(places), kept.ways, kept.lost
+        if len(kept.pixels) > len(pixels):
+            chosen = np.searchsorted(kept.pixels, pixels)
+            number = np.full(len(kept.pixels), -1, np.int32)
+            number[chosen] = np.arange(len(pixels))
+            pixel, ray = np.divmod(ways.ray, count)
+            rows = np.flatnonzero(number[pixel] >= 0)
+            ways = replace(ways.take(rows), ray=number[pixel[rows]] * count + ray[rows])
+            lost = lost.reshape(-1, count)[chosen].ravel()
+        seen = self._unhidden(ways, pixels, places)
+        return ways.take(np.flatnonzero(seen[ways.ray])), lost * seen
 
     def _unhidden(self, ways: Ways, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
         """(N · P,) which rays that have ways meet no thing before the glasses."""
@@ -240,7 +246,7 @@ class Follower:
         begin = ways.origin - self._skin * ways.direction
         distance, triangle = self._cast_through(begin, ways.direction)
         distance = np.maximum(distance - self._skin, 0.0)
-        return replace(ways, distance=distance, triangle=triangle)
+        return replace(ways, distance=distance, triangle=triangle.astype(np.int32))
 
     def _cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What rays meet; those that come from the eye have passed no glass and meet all things."""
@@ -315,19 +321,33 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def _merged(known, ways, lost, new, more, more_lost, count: int):
-    """Two sets of pixels and the ways of their rays as one, pixel by pixel."""
-    if ways is None:
-        return new, more, more_lost
-    pixels = np.concatenate((known, new))
+def _divided(
+    pixels: np.ndarray, known: list[Block], most: int
+) -> Iterator[tuple[np.ndarray, Block | None]]:
+    """Pixels in parts, each with the known block that lies where it does.
+
+    Where there is none, or far more pixels than it has, there are at most so many in each part.
+    """
+    firsts = [block.pixels[0] for block in known[1:]]
+    parts = np.split(pixels, np.searchsorted(pixels, firsts))
+    for part, old in zip(parts, known or [None], strict=True):
+        if old is not None and len(part) <= 2 * most:
+            yield part, old
+            continue
+        for first in range(0, max(1, len(part)), most):
+            yield part[first : first + most], None
+
+
+def _merged(old: Block, new: Block, count: int) -> Block:
+    """Two blocks of ``count`` rays in each pixel as one, pixel by pixel."""
+    pixels = np.concatenate((old.pixels, new.pixels))
     order = np.argsort(pixels, kind="stable")
-    place = np.empty(len(order), np.intp)
+    place = np.empty(len(order), np.int32)
     place[order] = np.arange(len(order))
-    joined = Ways.joined([ways, more])
-    start = np.concatenate((np.zeros(len(ways), np.intp), np.full(len(more), len(known))))
-    pixel, ray = np.divmod(joined.ray, count)
-    joined.ray[:] = place[pixel + start] * count + ray
+    start = np.repeat((0, len(old.pixels)), (len(old.ways), len(new.ways)))
+    ways = joined(Ways, [old.ways, new.ways])
+    pixel, ray = np.divmod(ways.ray, count)
+    ways = replace(ways, ray=place[pixel + start] * count + ray)
+    lost = np.concatenate((old.lost, new.lost)).reshape(-1, count)[order]
     # Rows of one ray stay side by side, in their order.
-    joined = joined.take(np.argsort(joined.ray, kind="stable"))
-    both = np.concatenate((lost.reshape(-1, count), more_lost.reshape(-1, count)))
-    return pixels[order], joined, both[order].ravel()
+    return Block(pixels[order], ways.take(np.argsort(ways.ray, kind="stable")), lost.ravel())

@@ -6,7 +6,7 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,24 +17,23 @@ from ..read.glasses import Glass, as_body
 from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
 from .caster import Casters
+from .columns import joined
 from .curtain import curtain, looked_up
 from .edges import off_edges
 from .exits import (
-    PictureRays,
+    FinerRays,
     centre_rays,
     ending,
     filter_sigma,
-    finer_rays,
     grid,
     neighbours,
     spacing,
     sun_light,
-    together,
 )
 from .follow import Band, Follower, Kept
-from .hits import KNOWN, UNSEEN, Scene, Shown, Views, place_captures, place_skies, show
+from .hits import KNOWN, UNSEEN, Scene, Views, blocks_of, place_captures, place_skies, show
 from .meshes import GlassMeshes
-from .radiance import Clamp, known_light, stand_ins
+from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .sky import Sky
 from .things import Things
@@ -117,8 +116,8 @@ class FrameResult:
     samples : a pixel, of each of these. far : metres, how far each must see.
     curtains : of each, see :func:`curtain.curtain`.
     views : the pictures of each view's samples, the direct picture's first.
-    alphas : weights without tints of the same samples.
-    spread, beside, known, known_alpha : see :mod:`sum_tree`.
+    weights : (K,) without tints, of the same samples.
+    spread, known, known_alpha : see :mod:`sum_tree`.
     reports : of each view. unseen : part of the hits' light that no view shows.
     rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     """
@@ -127,10 +126,9 @@ class FrameResult:
     samples: tuple[int, ...]
     far: tuple[float, ...]
     curtains: tuple[tuple[np.ndarray, np.ndarray], ...]
-    views: tuple[Packed, ...]
-    alphas: tuple[np.ndarray, ...]
+    views: list[Packed]
+    weights: list[np.ndarray]
     spread: np.ndarray
-    beside: np.ndarray
     known: np.ndarray
     known_alpha: np.ndarray
     reports: tuple[ViewReport, ...]
@@ -141,11 +139,22 @@ class FrameResult:
 
 
 @dataclass(frozen=True, eq=False)
-class Glints:
-    """Light of suns that comes straight to pixels (K,), by colour (K, 3)."""
+class Rays:
+    """What a picture's rays bring.
 
-    pixel: np.ndarray
-    colour: np.ndarray
+    Attributes
+    ----------
+    lookups : what shows the hits of their ways. count : rays that have ways.
+    lit_pixel, lit : (G,) pixels of the picture that suns shine into straight, and colours (G, 3).
+    dark_pixel, dark : (D,) pixels of which no way brings some light, and part of the pixel's.
+    """
+
+    lookups: Lookups
+    count: int
+    lit_pixel: np.ndarray
+    lit: np.ndarray
+    dark_pixel: np.ndarray
+    dark: np.ndarray
 
 
 def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> FrameResult:
@@ -162,9 +171,9 @@ def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> Fram
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
     scene = Scene(casters.things, frame.things, frame.sky)
     direct = direct_view(frame.view, frame.region, frame.near)
-    rays, shown, views, glints = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
+    rays, views = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
     tell("adding up the light")
-    return _summed(frame, scene, views, rays, shown, glints)
+    return _summed(frame, scene, views, rays)
 
 
 def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarray, float]:
@@ -220,8 +229,8 @@ def _followed(
     scale: float,
     room: Room,
     kept: Kept,
-):
-    """The picture's rays, what shows their hits, all views, and the suns' glints."""
+) -> tuple[Rays, Views]:
+    """What the picture's rays bring, and all views."""
     view = frame.view
     rects = [_cut(_rect(body, view), frame.region) for body in bodies]
     pixels = grid(rects, view.size)
@@ -258,12 +267,61 @@ def _followed(
     ends = ending(coarse, beside, shown, frame.things.surfaces(coarse.ways.triangle), view.size)
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
-    glint = Glints(beside.pixel, glints * coarse.ways.colour)
+    lit = np.flatnonzero(glints.any(axis=1))
+    lit_pixel = _window_pixels(beside.pixel[lit], view)
+    lit = glints[lit] * coarse.ways.colour[lit]
     tell(FOLLOWING)
-    kept, centre, finer = finer_rays(coarse, ends, sigma, follower)
-    shown = Shown.joined([shown.take(kept), show(scene, views, finer.ways)])
-    rays = together([centre, finer])
-    return rays, off_edges(scene, views, rays.ways, shown), views, glint
+    finer = FinerRays(coarse, ends, sigma, follower)
+    centres = (coarse.ways.take(finer.kept), shown.take(finer.kept), coarse.pixel)
+    counts: list[int] = []
+    parts = _lookups(frame, scene, views, finer, [centres], counts)
+    # The largest arrays are held no longer than they are needed.
+    del beside, coarse, ends, glints, shown, centres
+    found = joined(Lookups, parts)
+    stay = len(finer.kept)
+    found.weight[:stay] *= finer.factor
+    found.colour[:stay] *= finer.factor[:, None]
+    off_edges(scene, views, found.view, found.place, found.surface)
+    dark = finer.dark
+    some = np.flatnonzero(dark)
+    dark_pixel = _window_pixels(finer.pixel[some], view)
+    return Rays(found, sum(counts), lit_pixel, lit, dark_pixel, dark[some]), views
+
+
+def _lookups(
+    frame: FrameInput, scene: Scene, views: Views, finer: FinerRays, centres: list, counts: list
+) -> Iterator[Lookups]:
+    """What shows the ways of the centres that stay, and of the finer rays.
+
+    Parameters
+    ----------
+    centres : their ways, what shows these, and the pixel of each ray; it is emptied.
+    counts : gets how many rays have ways, of each part.
+    """
+    ways, shown, pixel = centres.pop()
+    counts.append(len(np.unique(ways.ray)))
+    for rows in blocks_of(len(ways)):
+        some = ways.take(rows)
+        yield Lookups.of(
+            scene,
+            some,
+            shown.take(rows),
+            _window_pixels(pixel[some.ray], frame.view),
+            np.ones(len(rows)),
+            frame.clamp,
+        )
+    del ways, shown
+    for rays in finer.parts():
+        ways = rays.ways
+        counts.append(len(np.unique(ways.ray)))
+        yield Lookups.of(
+            scene,
+            ways,
+            show(scene, views, ways),
+            _window_pixels(rays.pixel[ways.ray], frame.view),
+            rays.share[ways.ray],
+            frame.clamp,
+        )
 
 
 def _bands(glasses: Sequence[Glass]) -> list[Band]:
@@ -343,47 +401,43 @@ def _summed(
     frame: FrameInput,
     scene: Scene,
     views: Views,
-    rays: PictureRays,
-    shown: Shown,
-    glints: Glints,
+    rays: Rays,
 ) -> FrameResult:
     """The samples of all ways, packed for the compositor."""
-    ways = rays.ways
-    # A ray counts by its part of a pixel.
-    share = rays.share[ways.ray]
-    weight, dark_weight = ways.weight * share, rays.dark * rays.share
-    light = weight.sum() + dark_weight.sum()
-    unseen = weight[shown.view == UNSEEN].sum() + dark_weight.sum()
+    lookups = rays.lookups
+    pixel, weight, view_number = lookups.pixel, lookups.weight, lookups.view
+    light = weight.sum() + rays.dark.sum()
+    unseen = weight[view_number == UNSEEN].sum() + rays.dark.sum()
     unseen = float(unseen / light) if light > 0.0 else 0.0
-    told = shown
-    shown, guessed = stand_ins(scene.things, ways, shown)
-    known = known_light(scene.things, scene.normals, frame.sky, ways, told)
-    radiance = frame.clamp.limited(known, ways)
-    radiance += guessed
-    pixel = _window_pixels(rays.pixel[ways.ray], frame.view)
+    known = np.flatnonzero(view_number == KNOWN)
+    lacking, guessed = stand_ins(scene.things, lookups)
+    # A quarter of all that is held, and no longer needed.
+    lookups.at = lookups.at[:0].copy()
+    known, radiance = np.concatenate((known, lacking)), np.concatenate((lookups.light, guessed))
+    order = np.argsort(known, kind="stable")
+    known, radiance = known[order], radiance[order]
+    colour = radiance * lookups.colour[known] * lookups.share[known, None]
+    opaque = (view_number[known] == KNOWN) & ~lookups.clear[known]
+    opaque = (opaque * weight[known])[:, None] * np.ones(3)
     packed = PackedPixels(np.unique(pixel))
     width, height = _window_size(frame.view)
-    dark = np.flatnonzero(rays.dark)
-    dark_pixel = _window_pixels(rays.pixel[dark], frame.view)
     covering = np.bincount(pixel, weight, width * height)
-    covering += np.bincount(dark_pixel, dark_weight[dark], width * height)
+    covering += np.bincount(rays.dark_pixel, rays.dark, width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
-    samples, parts, alphas, reports, curtains = [], [], [], [], []
+    samples, parts, weights, reports, curtains = [], [], [], [], []
     skies = [n for n, view in enumerate(views) if view is not None and view.sky_only]
     for number, view in enumerate(views):
-        some = np.flatnonzero(shown.view == number)
+        some = np.flatnonzero(view_number == number)
         order = some[np.argsort(pixel[some], kind="stable")]
         order = order[strongest(pixel[order], weight[order])]
-        uv = view.uv(shown.pixels[order]) if len(order) else np.zeros((0, 2))
-        part = pack(packed, pixel[order], uv, ways.colour[order] * share[order, None])
-        alpha = np.zeros_like(part.colour)
-        flat = alpha.reshape(-1, 4)
-        flat[: len(order), :3] = weight[order, None]
+        uv = view.uv(lookups.place[order]) if len(order) else np.zeros((0, 2))
+        tinted = lookups.colour[order] * lookups.share[order, None]
+        part = pack(packed, pixel[order], uv, tinted)
         parts.append(part)
-        alphas.append(alpha)
+        weights.append(weight[order].astype(np.float32))
         count, hidden = 1, NO_CURTAIN
         if view is not None and number:
-            used = looked_up(view, shown.pixels[some])
+            used = looked_up(view, lookups.place[some])
             hidden = curtain(view, used)
             worth = _worth(pixel[order], weight[order], covering.sum())
             count = max(1, int(np.ceil(worth * frame.samples)))
@@ -395,26 +449,23 @@ def _summed(
             name = f"sky {skies.index(number) + 1}" if view.sky_only else name
             carried = float(weight[order].sum() / light) if light > 0.0 else 0.0
             reports.append(ViewReport(name, count, carried))
-    lit = np.flatnonzero(glints.colour.any(axis=1))
-    lit_pixel = _window_pixels(glints.pixel[lit], frame.view)
-    colour = np.concatenate((radiance * ways.colour * share[:, None], glints.colour[lit]))
-    covers = (shown.view == KNOWN) & ~(ways.is_sky & frame.sky.is_clear(ways))
-    opaque = (covers * weight)[:, None] * np.ones(3)
     return FrameResult(
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
         far=tuple(_far(frame.things, view) for view in views[1:]),
         curtains=tuple(curtains[1:]),
-        views=tuple(parts),
-        alphas=tuple(alphas),
-        spread=packed.spread((width, height)),
-        beside=_grey(beside, (width, height)),
-        known=packed.known(frame.exposure * colour, np.concatenate((pixel, lit_pixel))),
-        known_alpha=packed.known(opaque, pixel),
+        views=parts,
+        weights=weights,
+        spread=packed.spread(beside.reshape(height, width)),
+        known=packed.known(
+            frame.exposure * np.concatenate((colour, rays.lit)),
+            np.concatenate((pixel[known], rays.lit_pixel)),
+        ),
+        known_alpha=packed.known(opaque, pixel[known]),
         reports=tuple(reports),
         unseen=unseen,
-        rays=len(np.unique(ways.ray)),
-        ways=len(ways),
+        rays=rays.count,
+        ways=len(lookups),
         covered=int((covering > 0.0).sum()),
     )
 
@@ -452,9 +503,3 @@ def _window_pixels(pixel: np.ndarray, view: Viewpoint) -> np.ndarray:
 def _window_size(view: Viewpoint) -> tuple[int, int]:
     x0, y0, x1, y1 = view.window
     return x1 - x0, y1 - y0
-
-
-def _grey(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    out = np.ones((len(values), 4), np.float32)
-    out[:, :3] = values[:, None]
-    return out.reshape(size[1], size[0], 4)

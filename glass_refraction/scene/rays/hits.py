@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .caster import Caster
+from .columns import Columns, joined
 from .sky import Sky
 from .things import Things
 from .views import WIDEST, RadianceView, aimed_view, squares, virtual_eye, weighted_median
@@ -58,7 +59,7 @@ GLOSSY_POWER = 8.0
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
+class Ways(Columns):
     """Ways that light takes to the eye's rays, from where it last left a glass or thing.
 
     Attributes
@@ -84,22 +85,9 @@ class Ways:
     events: np.ndarray
     rough: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.ray)
-
-    def take(self, which: np.ndarray) -> Ways:
-        """Some of them, by their numbers."""
-        return Ways(*(part.take(which, axis=0) for part in vars(self).values()))
-
     def scaled(self, factor: np.ndarray) -> Ways:
         """The same with other weights: times a factor (K,)."""
         return replace(self, weight=self.weight * factor, colour=self.colour * factor[:, None])
-
-    @staticmethod
-    def joined(parts: list[Ways]) -> Ways:
-        """All of several bundles, whose rays are numbered together."""
-        columns = zip(*(vars(part).values() for part in parts), strict=True)
-        return Ways(*(np.concatenate(column) for column in columns))
 
     @property
     def is_sky(self) -> np.ndarray:
@@ -119,24 +107,12 @@ class Ways:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class Shown(Columns):
     """By which view each way's hit is shown: (K,) number or `UNSEEN` or `KNOWN`, and its frame
     pixels (K, 2) there."""
 
     view: np.ndarray
     pixels: np.ndarray
-
-    def take(self, which: np.ndarray) -> Shown:
-        """Some of them, by their numbers."""
-        return Shown(self.view[which], self.pixels.take(which, axis=0))
-
-    @staticmethod
-    def joined(parts: list[Shown]) -> Shown:
-        """All of several."""
-        return Shown(
-            np.concatenate([part.view for part in parts]),
-            np.concatenate([part.pixels for part in parts]),
-        )
 
 
 Views = Sequence[RadianceView | None]
@@ -144,7 +120,7 @@ Views = Sequence[RadianceView | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Hits:
+class Hits(Columns):
     """What is known of the hits of ways, whichever view is asked for them.
 
     Attributes
@@ -163,13 +139,6 @@ class Hits:
     side: np.ndarray
     sine: np.ndarray
     glossy: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.triangle)
-
-    def take(self, which: np.ndarray) -> Hits:
-        """Some of them, by their numbers."""
-        return Hits(*(part.take(which, axis=0) for part in vars(self).values()))
 
     @property
     def is_sky(self) -> np.ndarray:
@@ -262,16 +231,19 @@ class Scene:
 
 def show(scene: Scene, views: Views, ways: Ways) -> Shown:
     """For each way the view that shows its hit best; the first view is the direct picture."""
-    if len(ways) <= TOGETHER:
-        return _show(scene, views, ways)
-    starts = range(0, len(ways), TOGETHER)
-    blocks = (np.arange(first, min(first + TOGETHER, len(ways))) for first in starts)
-    return Shown.joined([_show(scene, views, ways.take(block)) for block in blocks])
+    return joined(Shown, (_show(scene, views, ways.take(b)) for b in blocks_of(len(ways))))
+
+
+def blocks_of(count: int) -> Iterator[np.ndarray]:
+    """Numbers up to a count, at most so many together as are looked for together; one block at
+    least."""
+    for first in range(0, max(1, count), TOGETHER):
+        yield np.arange(first, min(first + TOGETHER, count))
 
 
 def _show(scene: Scene, views: Views, ways: Ways) -> Shown:
     total = len(ways)
-    chosen = np.full(total, UNSEEN, np.intp)
+    chosen = np.full(total, UNSEEN, np.int8)
     pixels = np.zeros((total, 2))
     known = scene.is_known(ways)
     chosen[known] = KNOWN

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .hits import KNOWN, UNSEEN, Shown, Ways
+from .columns import Columns
+from .hits import KNOWN, UNSEEN, Scene, Shown, Ways
 from .sky import Sky
 from .things import Things
 
@@ -52,16 +53,12 @@ class Clamp:
 UNLIMITED = Clamp()
 
 
-def known_light(
-    things: Things, normals: np.ndarray, sky: Sky, ways: Ways, shown: Shown
-) -> np.ndarray:
-    """(K, 3) radiance of ways whose light is known; 0 of the others."""
+def known_light(things: Things, normals: np.ndarray, sky: Sky, ways: Ways) -> np.ndarray:
+    """(K, 3) radiance of ways whose light is known without a view."""
     out = np.zeros((len(ways), 3))
-    known = shown.view == KNOWN
-    is_sky = ways.is_sky
     if sky.radiance is not None:
-        out[known & is_sky & ~sky.is_clear(ways)] = sky.radiance
-    some = np.flatnonzero(known & ~is_sky)
+        out[ways.is_sky & ~sky.is_clear(ways)] = sky.radiance
+    some = np.flatnonzero(~ways.is_sky)
     triangle = ways.triangle[some]
     surface = things.surface[triangle]
     radiance = np.array([look.radiance for look in things.looks]).reshape(-1, 3)
@@ -71,33 +68,77 @@ def known_light(
     return out
 
 
-def stand_ins(things: Things, ways: Ways, shown: Shown) -> tuple[Shown, np.ndarray]:
+@dataclass(eq=False)
+class Lookups(Columns):
+    """What is left of ways when it is known what shows their hits.
+
+    Attributes
+    ----------
+    pixel : (K,) its number in the picture. share : (K,) part of it that the way's ray stands for.
+    weight : (K,) part of the pixel's light. colour : (K, 3) of the ray's light, with tints.
+    view, place : (K,) number of the view or `UNSEEN` or `KNOWN`, and pixels (K, 2) there.
+    surface : (K,) number of the look of what is met, −1: the sky.
+    at : (K, 3) where that is; in the sky the direction.
+    clear : (K,) which show a hole of the film.
+    light : (n, 3) radiance of those ways only that are known, in their order.
+    """
+
+    pixel: np.ndarray
+    share: np.ndarray
+    weight: np.ndarray
+    colour: np.ndarray
+    view: np.ndarray
+    place: np.ndarray
+    surface: np.ndarray
+    at: np.ndarray
+    clear: np.ndarray
+    light: np.ndarray
+
+    @staticmethod
+    def of(
+        scene: Scene, ways: Ways, shown: Shown, pixel: np.ndarray, share: np.ndarray, clamp: Clamp
+    ) -> Lookups:
+        """Those of ways, whose pixels (K,) and shares (K,) of these are given."""
+        known = ways.take(np.flatnonzero(shown.view == KNOWN))
+        light = known_light(scene.things, scene.normals, scene.sky, known)
+        return Lookups(
+            pixel.astype(np.int32),
+            share,
+            ways.weight * share,
+            ways.colour,
+            shown.view,
+            shown.pixels,
+            scene.things.surfaces(ways.triangle),
+            np.where(ways.is_sky[:, None], ways.direction, ways.point),
+            ways.is_sky & scene.sky.is_clear(ways),
+            clamp.limited(light, known),
+        )
+
+
+def stand_ins(things: Things, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
     """For hits that no view shows: the nearest hit of the same surface that one shows.
 
-    Returns what is shown by which view then, and the radiance (K, 3) of hits that have not even
-    that: their surface's own light, and its colour under a mean light of 1/2.
+    Its view and place are written into the lookups; where there is none, `KNOWN`. Returns the
+    numbers (n,) of all such hits, and radiances (n, 3) for those that have not even that: their
+    surface's own light, and its colour under a mean light of 1/2; 0 of the others.
     """
-    view, pixels = shown.view.copy(), shown.pixels.copy()
-    out = np.zeros((len(ways), 3))
-    lacking = np.flatnonzero(shown.view == UNSEEN)
-    if not len(lacking):
-        return shown, out
-    surface = things.surfaces(ways.triangle)
-    # A place of a hit: the point, or in the sky the direction.
-    place = np.where(ways.is_sky[:, None], ways.direction, ways.point)
+    view, place, at, surface = lookups.view, lookups.place, lookups.at, lookups.surface
+    lacking, viewed = np.flatnonzero(view == UNSEEN), view >= 0
+    light = np.zeros((len(lacking), 3))
     for number in np.unique(surface[lacking]):
-        here = lacking[surface[lacking] == number]
-        seen = np.flatnonzero((surface == number) & (shown.view >= 0))
+        which = np.flatnonzero(surface[lacking] == number)
+        here = lacking[which]
+        seen = np.flatnonzero((surface == number) & viewed)
         if not len(seen):
             if number >= 0:
                 look = things.looks[number]
-                out[here] = np.array(look.radiance) + 0.5 * np.array(look.albedo)
+                light[which] = np.array(look.radiance) + 0.5 * np.array(look.albedo)
             view[here] = KNOWN
             continue
         seen = seen[:: max(1, len(seen) // COMPARED)]
         for start in range(0, len(here), BLOCK):
             part = here[start : start + BLOCK]
-            apart = ((place[part, None] - place[None, seen]) ** 2).sum(axis=-1)
+            apart = ((at[part, None] - at[None, seen]) ** 2).sum(axis=-1)
             nearest = seen[apart.argmin(axis=1)]
-            view[part], pixels[part] = shown.view[nearest], shown.pixels[nearest]
-    return Shown(view, pixels), out
+            view[part], place[part] = view[nearest], place[nearest]
+    return lacking, light

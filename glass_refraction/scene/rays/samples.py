@@ -5,7 +5,8 @@ The samples of one view lie one after another in a packed picture, those of one 
 There the view is looked up once a sample and multiplied by the sample's colour. Then neighbours of
 one pixel are added in pairs, level by level, until each pixel has one sum; each level is another
 packed picture, half as large at most. So the compositor's work goes with the number of samples,
-not with the picture's size, and any number of samples a pixel is summed exactly.
+not with the picture's size, and any number of samples a pixel is summed exactly. After a few levels
+most pixels have their sum; only the others go through the further ones.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ WIDTH = 2048
 """Pixels in a row of a packed picture."""
 LEVELS = 8
 """Of pairwise sums: up to 2⁸ samples a pixel and view."""
+EARLY = 3
+"""Levels after which a pixel's sum is taken if it is one: few have more than 2³ samples."""
 MOST = 1 << LEVELS
 
 
@@ -32,13 +35,18 @@ class Packed:
     where : place in the view (u, v) and 1, or 0 where there is no sample.
     colour : what is looked up is multiplied by this.
     pairs : for each level the places in the level below of both addends, and 1 or 0.
-    into : for the packed pixels, the place of their sum in the last level, and 1 or 0.
+    into : for the packed pixels, the place of their sum after `EARLY` levels, and 1 or 0; and for
+        the others that in the last level.
     """
 
     where: np.ndarray
     colour: np.ndarray
-    pairs: tuple[tuple[np.ndarray, np.ndarray], ...]
-    into: np.ndarray
+    pairs: list[tuple[np.ndarray, np.ndarray]]
+    into: tuple[np.ndarray, np.ndarray]
+
+    def alpha(self, weight: np.ndarray) -> np.ndarray:
+        """The picture of the samples' weights (K,), like `colour`."""
+        return _picture(np.repeat(weight[:, None], 3, axis=1), len(self.colour))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +66,14 @@ class PackedPixels:
         sums = [np.bincount(place, column, len(self.pixels)) for column in values.T]
         return _picture(np.stack(sums, axis=1) if len(sums) else np.empty((0, 3)))
 
-    def spread(self, size: tuple[int, int]) -> np.ndarray:
-        """Picture (height, width, 4) that brings the packed pixels to their places."""
-        width, height = size
+    def spread(self, beside: np.ndarray) -> np.ndarray:
+        """Picture (height, width, 4) that brings the packed pixels to their places.
+
+        Its alpha is ``beside`` (height, width): the part of each pixel that no glass covers.
+        """
+        height, width = beside.shape
         out = np.zeros((height * width, 4), np.float32)
-        out[:, 3] = 1.0
+        out[:, 3] = beside.ravel()
         out[self.pixels, :3] = _places(np.arange(len(self.pixels)), _rows(len(self.pixels)))
         return out.reshape(height, width, 4)
 
@@ -79,22 +90,28 @@ def pack(pixels: PackedPixels, pixel: np.ndarray, uv: np.ndarray, colour: np.nda
     rows = _rows(len(pixel))
     where = np.ones((len(pixel), 3), np.float32)
     where[:, :2] = uv
-    pairs = []
-    owner = pixel
-    for _ in range(LEVELS):
-        below = _rows(len(owner))
+    pairs, into = [], []
+
+    def end(owner: np.ndarray, at: np.ndarray, below: int) -> None:
+        # One row of nothing is enough to be added to something.
+        is_nothing = not len(owner) and (into or not len(pixel))
+        count = 0 if is_nothing else len(pixels.pixels)
+        found = np.zeros((count, 3), np.float32)
+        found[np.searchsorted(pixels.pixels, owner)] = _places(at, below)
+        into.append(_picture(found))
+
+    owner, at, below = pixel, np.arange(len(pixel)), rows
+    for level in range(LEVELS):
+        if level == EARLY:
+            alone = _are_alone(owner)
+            end(owner[alone], at[alone], below)
+            owner, at = owner[~alone], at[~alone]
         first, second, both, owner = _halved(owner)
-        pairs.append(
-            (
-                _picture(_places(first, below)),
-                _picture(_places(second, below) * both[:, None]),
-            )
-        )
-    into = np.zeros((len(pixels.pixels), 3), np.float32)
-    if len(owner):
-        place = np.searchsorted(pixels.pixels, owner)
-        into[place] = _places(np.arange(len(owner)), _rows(len(owner)))
-    return Packed(_picture(where, rows), _picture(colour, rows), tuple(pairs), _picture(into))
+        places = _places(at[first], below), _places(at[second], below) * both[:, None]
+        pairs.append(tuple(map(_picture, places)))
+        at, below = np.arange(len(owner)), _rows(len(owner))
+    end(owner, at, below)
+    return Packed(_picture(where, rows), _picture(colour, rows), pairs, tuple(into))
 
 
 def strongest(pixel: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -107,6 +124,12 @@ def strongest(pixel: np.ndarray, weight: np.ndarray) -> np.ndarray:
     rank = np.empty(len(pixel), np.intp)
     rank[order] = np.arange(len(pixel)) - start[pixel[order]]
     return rank < MOST
+
+
+def _are_alone(owner: np.ndarray) -> np.ndarray:
+    """(K,) which have no equal beside them."""
+    same = np.concatenate(([False], owner[1:] == owner[:-1], [False]))
+    return ~(same[1:] | same[:-1])[: len(owner)]
 
 
 def _halved(owner: np.ndarray):

@@ -11,7 +11,7 @@ import numpy as np
 from ..build.node_sums import NodeSums
 from ..names import TAG, hidden_name, own
 from ..read.arrays import write_image
-from .samples import LEVELS, Packed
+from .samples import EARLY, LEVELS, Packed
 
 _VALUES = "refractive_glass_values"
 SPLINE_REACH = 6
@@ -76,14 +76,20 @@ class Pictures:
         if image is not None:
             write_image(image, pixels)
 
-    def write_view(self, number: int, packed: Packed) -> None:
-        """Set the pictures of one view's samples."""
+    def write_view(self, number: int, packed: Packed, weight: np.ndarray) -> None:
+        """Set the pictures of one view's samples, of weights (K,) without tints.
+
+        Those of pairs are forgotten one by one, so that Blender's copies take their room.
+        """
         self.write(packed.where, number, "where")
         self.write(packed.colour, number, "colour")
-        for level, (first, second) in enumerate(packed.pairs):
+        self.write(packed.alpha(weight), number, "alpha")
+        for level in range(len(packed.pairs)):
+            first, second = packed.pairs.pop(0)
             self.write(first, number, "first", level)
             self.write(second, number, "second", level)
-        self.write(packed.into, number, "into")
+        for place, into in enumerate(packed.into):
+            self.write(into, number, "into", place)
 
 
 def new_image(name: str, role: str) -> bpy.types.Image:
@@ -102,12 +108,12 @@ class _Lookups(NodeSums):
         self.tree = bpy.data.node_groups.new(hidden_name(role, *name), "CompositorNodeTree")
         self.tree[TAG] = role
 
-    def _picture(self, *parts: object):
+    def _picture(self, *parts: object, output: str = "Image"):
         name = image_name(self._scene, *parts)
         found = (i for i in bpy.data.images if own(i, "picture") and i.name == name)
         node = self._node("CompositorNodeImage")
         node.image = next(found, None) or new_image(name, "picture")
-        return node.outputs["Image"]
+        return node.outputs[output]
 
     def _at(self, image, where, method: str = "Nearest"):
         node = self._node("CompositorNodeMapUV")
@@ -142,11 +148,15 @@ class _ViewTree(_Lookups):
         # Alpha is what the samples' weights show; a tint takes none of it.
         colour = self._picture(number, kind)
         found = self._vector("MULTIPLY", looked_up, colour)
+        done = None
         for level in range(LEVELS):
+            if level == EARLY:
+                done = self._at(found, self._picture(number, "into", 0))
             first = self._at(found, self._picture(number, "first", level))
             second = self._at(found, self._picture(number, "second", level))
             found = self._vector("ADD", first, second)
-        found = self._at(found, self._picture(number, "into"))
+        rest = self._at(found, self._picture(number, "into", 1))
+        found = self._vector("ADD", done, rest)
         self._link(found, self._node("NodeGroupOutput").inputs["Image"])
 
     def _sharpened(self, image):
@@ -190,7 +200,7 @@ class SumTree(_Lookups):
         start = self._node("NodeGroupInput")
         direct = Outputs(start.outputs["Image"], start.outputs["Alpha"])
         views = [direct, *(self._capture(capture) for capture in captures)]
-        beside = self._split(self._picture("beside"))
+        beside = self._picture("spread", output="Alpha")
         whole = self._vector("ADD", self._scaled(direct.image, beside), self._summed(views))
         through = self._math("MULTIPLY", direct.alpha, beside)
         if alpha:

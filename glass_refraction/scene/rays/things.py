@@ -55,7 +55,7 @@ class Things(Triangles):
 
     def surfaces(self, triangle: np.ndarray) -> np.ndarray:
         """(K,) numbers of the looks of triangles (K,); −1 for −1, where none is met."""
-        found = np.full(len(triangle), -1)
+        found = np.full(len(triangle), -1, np.int32)
         met = np.flatnonzero(triangle >= 0)
         found[met] = self.surface[triangle[met]]
         return found

@@ -41,7 +41,7 @@ from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
 from .lamps import sun_of
 from .radiance import Clamp
-from .samples import LEVELS
+from .samples import EARLY, LEVELS
 from .sky import sky_of
 from .sum_tree import Pictures, SumTree, border_factors, write_kernels
 from .things import read_things
@@ -83,7 +83,7 @@ def prepare(scene: bpy.types.Scene) -> None:
         _fill_view(scene, view)
     _match_views(scene, views)
     alpha = scene.render.film_transparent
-    structure = f"true {ROOM} {LEVELS} {alpha}"
+    structure = f"true {ROOM} {EARLY} {LEVELS} {alpha}"
     node = group_node(scene)
     if node is None or node.node_tree is None or node.node_tree.get(_STRUCTURE) != structure:
         counters["structures"] += 1
@@ -186,7 +186,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         covered=result.covered,
     )
     memory.status = status
-    memory.covered = result.beside[..., 0] < UNCOVERED
+    memory.covered = result.spread[..., 3] < UNCOVERED
     return status
 
 
@@ -322,10 +322,9 @@ def _filter_size(scene: bpy.types.Scene) -> float:
 
 def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameResult) -> None:
     pictures = Pictures(scene)
-    for number, (packed, alpha) in enumerate(zip(result.views, result.alphas, strict=True)):
-        pictures.write_view(number, packed)
-        pictures.write(alpha, number, "alpha")
-    for name in ("spread", "beside", "known"):
+    for number in range(len(result.views)):
+        pictures.write_view(number, result.views.pop(0), result.weights.pop(0))
+    for name in ("spread", "known"):
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
     height, width = result.spread.shape[:2]

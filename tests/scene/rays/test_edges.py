@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from glass_refraction.scene.rays.edges import off_edges
-from glass_refraction.scene.rays.hits import KNOWN, Shown
+from glass_refraction.scene.rays.hits import KNOWN
 from glass_refraction.scene.rays.things import Things
 from glass_refraction.scene.rays.views import RadianceView
 
@@ -50,8 +50,9 @@ def _lookups(count=20_000, seed=0):
 
 
 def _moved(caster, pixels, triangle, view=0):
-    shown = Shown(np.full(len(pixels), view), pixels.copy())
-    return off_edges(_scene(caster), [_view()], SimpleNamespace(triangle=triangle), shown).pixels
+    moved = pixels.copy()
+    off_edges(_scene(caster), [_view()], np.full(len(pixels), view), moved, triangle)
+    return moved
 
 
 def _from_border(pixels):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Places of rays in pixels, neighbours, and the energy of the suns' light."""
 
+from dataclasses import replace
 from statistics import NormalDist
 
 import bpy
@@ -13,18 +14,19 @@ from glass_refraction.scene.rays.exits import (
     FINER,
     LATTICE,
     Endings,
+    FinerRays,
     PictureRays,
     _bell_means,
     _lattice,
     centre_rays,
     ending,
     filter_sigma,
-    finer_rays,
     grid,
     neighbours,
     sun_light,
+    together,
 )
-from glass_refraction.scene.rays.follow import unsettled
+from glass_refraction.scene.rays.follow import Block, unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
 from glass_refraction.scene.rays.lamps import Sun
 from glass_refraction.scene.rays.true import _filter_size
@@ -62,12 +64,12 @@ class Following:
     fine_weight = 0.0
     fresnel, rough, only_meshes = True, False, False
 
-    def ways(self, pixels, places, settled=None):
+    def blocks(self, pixels, places, settled=None):
         width = self._view.size[0]
         pixel = np.repeat(pixels, len(places))
         x, y = np.tile(places, (len(pixels), 1)).T
         rays = self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y)
-        return unsettled(*self._follow(*rays), pixels, len(places), settled)
+        yield Block(pixels, *unsettled(*self._follow(*rays), pixels, len(places), settled))
 
 
 def straight(origins, directions):
@@ -155,11 +157,20 @@ def test_places_of_many_rays_share_no_row_and_no_column(count):
     assert abs(np.corrcoef(places.T)[0, 1]) < 0.25
 
 
+def _finer(coarse, ends, sigma, follower):
+    """Numbers of the ways that stay, these of the centres, and the finer rays."""
+    finer = FinerRays(coarse, ends, sigma, follower)
+    more = together(list(finer.parts()))
+    centre = replace(coarse, dark=finer.dark, ways=coarse.ways.take(finer.kept))
+    centre = replace(centre, ways=centre.ways.scaled(finer.factor))
+    return finer.kept, centre, more
+
+
 def test_finer_rays_lie_in_their_pixels_and_share_it():
     follower = Following(view_of(), straight)
     coarse = centre_rays(np.array([5, 200, 3000, 3001]), follower)
     pixel = {5: 0.1, 200: 0.3, 3000: 1.0}
-    kept, centre, rays = finer_rays(coarse, _ends(coarse, pixel), 0.25, follower)
+    kept, centre, rays = _finer(coarse, _ends(coarse, pixel), 0.25, follower)
     np.testing.assert_array_equal(kept, [3])
     np.testing.assert_array_equal(centre.pixel[centre.ways.ray], [3001])
     assert [int((rays.pixel == p).sum()) for p in pixel] == [count for count, _ in FINER]
@@ -209,7 +220,7 @@ def test_ways_that_do_not_end_stay_with_the_pixels_centre_and_all_light_comes():
     rough = np.zeros(15)
     rough[middle] = 0.3
     ends = Endings(rough, np.where(coarse.ways.path == 1, 0.0, 0.3))
-    _, centre, finer = finer_rays(coarse, ends, 0.4, follower)
+    _, centre, finer = _finer(coarse, ends, 0.4, follower)
     assert set(finer.ways.path) == {2} and set(finer.pixel) == {middle}
     there = centre.pixel[centre.ways.ray] == middle
     np.testing.assert_array_equal(centre.ways.path[there], [1])

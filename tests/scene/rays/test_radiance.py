@@ -2,6 +2,7 @@
 """Light that is known without a view: worlds of one colour, lamps, stand-ins."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -14,6 +15,7 @@ from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.radiance import (
     UNLIMITED,
     Clamp,
+    Lookups,
     known_light,
     stand_ins,
 )
@@ -120,12 +122,17 @@ def test_lamps_and_sky_give_their_own_light():
     things = _things(Look(), lamp, lamp)
     normals = np.array([(0, 0, -1.0), (0, 0, -1.0), (0, 0, 1.0)])
     ways = _ways(np.zeros((5, 3)), [0, 1, 2, -1, 1])
-    shown = Shown(np.array([0, KNOWN, KNOWN, KNOWN, UNSEEN]), np.zeros((5, 2)))
-    found = known_light(things, normals, Sky((0.5, 0.6, 0.7)), ways, shown)
+    found = known_light(things, normals, Sky((0.5, 0.6, 0.7)), ways)
     # An area lamp gives light on the side of its face alone.
     np.testing.assert_array_equal(
-        found, [(0, 0, 0), (3, 2, 1), (0, 0, 0), (0.5, 0.6, 0.7), (0, 0, 0)]
+        found, [(0, 0, 0), (3, 2, 1), (0, 0, 0), (0.5, 0.6, 0.7), (3, 2, 1)]
     )
+
+
+def _lookups(things, ways, shown):
+    scene = SimpleNamespace(things=things, normals=np.zeros((9, 3)), sky=Sky(None))
+    count = len(ways)
+    return Lookups.of(scene, ways, shown, np.arange(count), np.ones(count), UNLIMITED)
 
 
 def test_a_hit_that_no_view_shows_takes_the_nearest_of_its_surface():
@@ -133,20 +140,22 @@ def test_a_hit_that_no_view_shows_takes_the_nearest_of_its_surface():
     points = [(0, 0, 0), (0.5, 0, 0), (0.45, 0, 0), (0.44, 0, 0), (3, 0, 0)]
     ways = _ways(points, [0, 0, 0, 1, 1])
     pixels = np.arange(10.0).reshape(5, 2)
-    shown = Shown(np.array([0, 1, UNSEEN, UNSEEN, UNSEEN]), pixels)
-    found, guessed = stand_ins(things, ways, shown)
-    np.testing.assert_array_equal(found.view, [0, 1, 1, KNOWN, KNOWN])
-    np.testing.assert_array_equal(found.pixels[2], pixels[1])
+    shown = Shown(np.array([0, 1, UNSEEN, UNSEEN, UNSEEN]), pixels.copy())
+    lookups = _lookups(things, ways, shown)
+    lacking, guessed = stand_ins(things, lookups)
+    np.testing.assert_array_equal(lookups.view, [0, 1, 1, KNOWN, KNOWN])
+    np.testing.assert_array_equal(lookups.place[2], pixels[1])
     # Nothing of the other surface is shown: its own light, and its colour under a mean light.
-    np.testing.assert_allclose(guessed, [(0, 0, 0)] * 3 + [(1.1, 0.2, 0.3)] * 2)
-    np.testing.assert_array_equal(shown.view, [0, 1, UNSEEN, UNSEEN, UNSEEN])
+    np.testing.assert_array_equal(lacking, [2, 3, 4])
+    np.testing.assert_allclose(guessed, [(0, 0, 0)] + [(1.1, 0.2, 0.3)] * 2)
 
 
 def test_no_ways_need_no_stand_in():
     ways = _ways(np.zeros((0, 3)), np.zeros(0, int))
     shown = Shown(np.zeros(0, int), np.zeros((0, 2)))
-    found, guessed = stand_ins(_things(Look()), ways, shown)
-    assert len(found.view) == len(guessed) == 0
+    lookups = _lookups(_things(Look()), ways, shown)
+    lacking, guessed = stand_ins(_things(Look()), lookups)
+    assert len(lookups) == len(lacking) == len(guessed) == 0
 
 
 def test_light_of_one_sample_is_clamped_as_the_engine_does():
