@@ -1081,6 +1081,27 @@ bool is_seen(int slot, vec3 p)
 
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
 
+/* Whether a ray runs through one of some boxes of things within its reach. */
+bool meets_boxes(int first, int count, vec3 p, vec3 d, float reach)
+{
+  for (int k = 0; k < count; k++) {
+    int at = first + THING_ROWS * k;
+    vec4 h = vec4(p, 1.0);
+    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
+    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
+    v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
+    vec3 one = (-BOX_MARGIN - o) / v;
+    vec3 two = (BOX_MARGIN - o) / v;
+    vec3 enter = min(one, two), leave_ = max(one, two);
+    float low = max(max(enter.x, enter.y), max(enter.z, 0.0));
+    float high = min(min(leave_.x, leave_.y), min(leave_.z, reach));
+    if (low <= high) {
+      return true;
+    }
+  }
+  return false;
+}
+
 bool shows_thing(int slot, vec3 d)
 {
   float side = capture_at(slot).w;
@@ -1506,6 +1527,29 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
   return found;
 }
 
+/* Whether a ray may meet anything: things are in boxes, if it is known where they are. */
+bool may_meet_any(vec3 p, vec3 d)
+{
+  return row(0).w < 0.0 || meets_boxes(int(row(0).z), int(row(0).w), p, d, NOWHERE);
+}
+
+/* The world in a direction in which the view does not show it: as the capture shows it there, else
+ * as high to another side. Solid shading leaves it to the background. */
+vec4 sky(vec3 d, int slot)
+{
+  if (backdrop.w > 0.5) {
+    return vec4(0.0);
+  }
+  vec3 along = d;
+  for (int k = 0; slot >= 0 && k < 4; k++) {
+    if (!shows_thing(slot, along)) {
+      return capture_colour(slot, along);
+    }
+    along = vec3(-along.y, along.x, along.z);
+  }
+  return slot >= 0 ? capture_colour(slot, d) : vec4(0.0);
+}
+
 /* What a ray shows of which no view shows the end: the world, or the nearest that is known. */
 vec4 beyond(vec3 o, vec3 d, int slot)
 {
@@ -1519,6 +1563,9 @@ vec4 beyond(vec3 o, vec3 d, int slot)
                all(lessThan(pixel, view.size.xy));
   if (has_depth != 0 && shown && depth_near(pixel) >= FAR_OFF) {
     return thing_at(pixel);
+  }
+  if (!may_meet_any(o, d)) {
+    return sky(d, slot);
   }
   if (slot >= 0) {
     /* Where a thing stands before the first capture the second may show more. */
@@ -1558,7 +1605,7 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   vec4 colour;
   float way;
   int slot = capture_of(g);
-  if (!seen(p, d, NOWHERE, slot, -1, colour, way)) {
+  if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
   add(colour, light);
@@ -1566,33 +1613,11 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 
 void lose(vec4 light) {}
 
-/* Whether a ray runs through the box of a thing that may stand in the glass. */
-bool may_meet(int g, vec3 p, vec3 d, float reach)
-{
-  int first = int(row(9 + GLASS_ROWS * g).w);
-  int count = int(row(1 + GLASS_ROWS * g).w);
-  for (int k = 0; k < count; k++) {
-    int at = first + THING_ROWS * k;
-    vec4 h = vec4(p, 1.0);
-    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
-    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
-    v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
-    vec3 one = (-BOX_MARGIN - o) / v;
-    vec3 two = (BOX_MARGIN - o) / v;
-    vec3 enter = min(one, two), leave_ = max(one, two);
-    float low = max(max(enter.x, enter.y), max(enter.z, 0.0));
-    float high = min(min(leave_.x, leave_.y), min(leave_.z, reach));
-    if (low <= high) {
-      return true;
-    }
-  }
-  return false;
-}
-
 bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {
   /* From one glass to another anything may stand; within one what reaches into its box. */
-  if (boxed && !may_meet(g, p, d, way)) {
+  vec2 things = vec2(row(9 + GLASS_ROWS * g).w, row(1 + GLASS_ROWS * g).w);
+  if (boxed && !meets_boxes(int(things.x), int(things.y), p, d, way)) {
     return false;
   }
   vec4 colour;

@@ -38,13 +38,15 @@ WHOLE = (-1.0, -1.0, 1.0, 1.0)
 class Way:
     """How rays are followed: the least part of the light, the most ways, whether they split.
 
-    backdrop : what is seen where nothing is, see `Painter.show`.
+    backdrop : what is seen where nothing is, see `Painter.show`. is_open : the engine leaves that to
+        the overlay, so that it is known in every direction.
     """
 
     least: float
     most: int
     splits: bool
     backdrop: tuple[float, float, float, float]
+    is_open: bool
 
 
 class Direct:
@@ -491,7 +493,7 @@ class Painter:
             shader.uniform_int("is_listed", int(layer.listed is not None))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
-            shader.uniform_float("backdrop", way.backdrop)
+            shader.uniform_float("backdrop", (*way.backdrop[:3], float(way.is_open)))
             shader.uniform_int("splits", int(way.splits))
             shader.uniform_int("has_depth", int(self.direct.has_depth))
             if displaced is not None:

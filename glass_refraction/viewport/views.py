@@ -102,6 +102,8 @@ class _View:
         self.stamp: tuple = ()
         self.eye = None
         self.backdrop = (0.0, 0.0, 0.0, 0.0)
+        self.is_open = False
+        """The engine leaves the background to the overlay."""
         self.turned = b""
         self.changed = 0.0
         self.refined = 0.0
@@ -329,6 +331,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         captures.outdate()
         view.turned = turned
     view.eye, view.backdrop = eye, _backdrop(context)
+    view.is_open = space.shading.type == "SOLID"
     python += time.thread_time()
     view.waits = False
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
@@ -416,7 +419,7 @@ def _sample(
     from .paint import Way
 
     painter = view.painter
-    way = Way(settings.min_weight, ways, settings.surface == "GLASS", view.backdrop)
+    way = Way(settings.min_weight, ways, settings.surface == "GLASS", view.backdrop, view.is_open)
     number = painter.samples + edges
     jitter = _jitter(number)
     pixels = None
