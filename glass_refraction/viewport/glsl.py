@@ -44,6 +44,7 @@ struct View {{
   vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
   vec4 start;        /* radius of the ball that holds all glasses; from a capture to a second */
   vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
+  vec4 closes[24];   /* of each one's close picture: forward, and 1 if there is one; right, up */
 }};
 """
 
@@ -972,6 +973,7 @@ VIEWS = (
     + """
 #define FAR_OFF 1e19
 #define TILE 8
+#define CLOSE 6.0
 /* Pixels from look to look where a tile does not tell. */
 #define STRIDE 2.0
 #define DIRECT_STEPS 80
@@ -1009,21 +1011,33 @@ float depth_at(ivec2 pixel)
 
 vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
 
-/* Which face of a capture shows a direction, and which pixel of it: (x, y, face). */
-vec3 face_of(vec3 d, float side)
+/* Clamped as `row` is. */
+vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, 7)]; }
+
+/* Which face of a capture shows a direction, and which pixel of it: (x, y, face); the last one is
+ * its close picture. `depth`: of d along the face's axis. */
+vec3 face_of(int slot, vec3 d, out float depth)
 {
+  int close = 3 * clamp(slot, 0, 7);
+  vec4 forward = view.closes[close];
+  float side = capture_at(slot).w;
+  if (forward.w > 0.0) {
+    depth = dot(d, forward.xyz);
+    vec2 at = vec2(dot(d, view.closes[close + 1].xyz), dot(d, view.closes[close + 2].xyz));
+    if (max(abs(at.x), abs(at.y)) < (1.0 - 1.0 / side) * depth) {
+      return vec3((0.5 * at / depth + 0.5) * side, CLOSE);
+    }
+  }
   vec3 a = abs(d);
   bool is_x = a.x >= a.y && a.x >= a.z;
   bool is_y = !is_x && a.y >= a.z;
   vec3 r = is_x ? d.yzx : (is_y ? d.zxy : d);
+  depth = abs(r.z);
   float turn = r.z < 0.0 ? -1.0 : 1.0;
   vec2 at = vec2(r.x, -turn * r.y) / abs(r.z);
   float axis = is_x ? 0.0 : (is_y ? 2.0 : 4.0);
   return vec3((0.5 * at + 0.5) * side, turn < 0.0 ? axis + 1.0 : axis);
 }
-
-/* Clamped as `row` is. */
-vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, 7)]; }
 
 ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
 {
@@ -1036,16 +1050,18 @@ ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
 float capture_gap(int slot, vec3 p)
 {
   float side = capture_at(slot).w;
-  vec3 at = face_of(p, side);
+  float depth;
+  vec3 at = face_of(slot, p, depth);
   float shown = abs(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
-  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
+  return depth - shown;
 }
 
 /* The same, where a surface goes on from pixel to pixel: of a plane 1 / depth is linear there. */
 float smooth_gap(int slot, vec3 p)
 {
   float side = capture_at(slot).w;
-  vec3 at = face_of(p, side);
+  float depth;
+  vec3 at = face_of(slot, p, depth);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
   ivec2 corner = atlas_pixel(slot, at, low, side);
@@ -1059,7 +1075,7 @@ float smooth_gap(int slot, vec3 p)
   float nearest = t.y < 0.5 ? pair.x : pair.y;
   float mixed = mix(mix(near.x, near.y, t.x), mix(near.z, near.w, t.x), t.y);
   float shown = 1.0 / max(most < GOES_ON * least_ ? mixed : nearest, 1e-19);
-  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
+  return depth - shown;
 }
 
 /* The second capture of a glass that has a first one, behind what hides much from that; or -1. */
@@ -1105,7 +1121,8 @@ bool meets_boxes(int first, int count, vec3 p, vec3 d, float reach)
 bool shows_thing(int slot, vec3 d)
 {
   float side = capture_at(slot).w;
-  vec3 at = face_of(d, side);
+  float depth;
+  vec3 at = face_of(slot, d, depth);
   return is_there(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
 }
 
@@ -1113,12 +1130,13 @@ bool shows_thing(int slot, vec3 d)
 vec4 capture_colour(int slot, vec3 d)
 {
   float side = capture_at(slot).w;
-  vec3 at = face_of(d, side);
+  float depth;
+  vec3 at = face_of(slot, d, depth);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
   ivec2 corner = atlas_pixel(slot, at, low, side);
   ivec2 middle = corner + ivec2(round(t));
-  float depth = texelFetch(reach_tx, middle, 0).r;
+  depth = texelFetch(reach_tx, middle, 0).r;
   vec4 mixed = vec4(0.0);
   for (int k = 0; k < 4; k++) {
     ivec2 step_ = ivec2(k & 1, k >> 1);

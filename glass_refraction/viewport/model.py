@@ -223,7 +223,7 @@ class Model:
                 self.glasses.pop()
 
     def _all_boxes(self) -> list[np.ndarray] | None:
-        """Boxes outside of which the view shows nothing, see `pack`; None if things may be there."""
+        """Boxes outside of which nothing is shown, see `pack`; None if something may be."""
         if self._has_others or self._spread or len(self._boxes) < len(self._things):
             return None
         return [box.unit() for box in self._boxes.values()]

@@ -19,7 +19,7 @@ import numpy as np
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import ROWS, Frame, Posed, trees_of
-from .eye import CAPTURES, common_line, pack_view, pixel_width
+from .eye import VIEW_ROWS, common_line, pack_view, pixel_width
 from .trees import ROW_BITS, Tree
 from .wires import Wires
 
@@ -38,8 +38,8 @@ WHOLE = (-1.0, -1.0, 1.0, 1.0)
 class Way:
     """How rays are followed: the least part of the light, the most ways, whether they split.
 
-    backdrop : what is seen where nothing is, see `Painter.show`. is_open : the engine leaves that to
-        the overlay, so that it is known in every direction.
+    backdrop : what is seen where nothing is, see `Painter.show`. is_open : the engine leaves
+        that to the overlay, so that it is known in every direction.
     """
 
     least: float
@@ -222,7 +222,7 @@ def depths_between(values: np.ndarray, width: float, parts: int) -> tuple[np.nda
     direct.depth = direct._plain = _texture(np.ascontiguousarray(values, np.float32), "R32F")
     direct._stepped, direct._to_stepped = _target(direct.size, "RG32F")
     direct._mark_steps((width, 0.0))
-    block = np.zeros((12 + CAPTURES, 4), np.float32)
+    block = np.zeros((VIEW_ROWS, 4), np.float32)
     block[5, 0], block[10, :2] = width, direct.size
     size = (parts * columns, parts * height)
     _, target = _target(size, "RGBA32F")
@@ -304,7 +304,7 @@ class Painter:
         view: Viewpoint,
         frame: Frame,
         glasses: list[Posed],
-        captures: list[tuple[np.ndarray, int]],
+        captures: list[tuple[np.ndarray, int, np.ndarray | None]],
         seconds: int,
         scene_reach: float,
     ) -> None:
