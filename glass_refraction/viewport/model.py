@@ -167,8 +167,9 @@ class Model:
                 found.append(one[0])
                 self._bands.append(one[1])
         self.meshes.keep(self.shown)
+        numbers = captures_of([glass.middle() for glass in found])
         self.glasses = [
-            replace(glass, capture=min(number, CAPTURES - 1)) for number, glass in enumerate(found)
+            replace(glass, capture=number) for number, glass in zip(numbers, found, strict=True)
         ]
         self.frame = common_frame(self.glasses) if self.glasses else None
 
@@ -247,6 +248,15 @@ class Model:
             )
             for number in range(len(optics.LINES))
         ]
+
+
+def captures_of(middles: list[np.ndarray]) -> list[int]:
+    """Of each glass the number of its capture; those for which there is none share the nearest."""
+    own = middles[:CAPTURES]
+    return [
+        min(range(len(own)), key=lambda k: float(np.linalg.norm(own[k] - middle)))
+        for middle in middles
+    ]
 
 
 def _closed_form(

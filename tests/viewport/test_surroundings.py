@@ -7,7 +7,8 @@ import pytest
 from glass_refraction import optics
 from glass_refraction.viewport import capture, paint
 from glass_refraction.viewport.description import Posed, common_frame
-from glass_refraction.viewport.eye import common_line, depths, pack_view, view_eye
+from glass_refraction.viewport.eye import CAPTURES, common_line, depths, pack_view, view_eye
+from glass_refraction.viewport.model import captures_of
 
 SIZE = (640, 400)
 PERSPECTIVE = [(1.5, 0, 0.1, 0), (0, 2.4, -0.05, 0), (0, 0, -1.004, -0.2004), (0, 0, -1, 0)]
@@ -143,6 +144,13 @@ def test_a_second_capture_stands_behind_what_hides_much_from_the_first():
     room = box_at(middle, (1.0, 1.0, 1.0))
     assert capture.second_centre_of(one, [], first) is None
     assert capture.second_centre_of(one, [straw, room], first) is None
+
+
+def test_glasses_without_a_capture_of_their_own_share_the_nearest():
+    places = [np.array((float(k), 0.0, 0.0)) for k in range(CAPTURES)]
+    more = [np.array((2.2, 0.1, 0.0)), np.array((0.0, 5.0, 0.0))]
+    assert captures_of([*places, *more]) == [*range(CAPTURES), 2, 0]
+    assert captures_of([]) == []
 
 
 def test_rectangles_that_meet_become_one_and_cover_the_same():
