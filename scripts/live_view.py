@@ -9,7 +9,8 @@ its camera's view: times of redraws with and without the picture (nothing moves,
 the eye moves, an object moves), Python's part of them, from switching on and from the last motion
 to the final picture, how long a piece of work holds Blender up, and frames a second of playback.
 Inside the glass the picture is held against F12's (Workbench's for SOLID, EEVEE's for MATERIAL) and
-the one of what moves against that at rest, in dB. Of the last scene: how memory grows. Solid's
+the one of what moves against that at rest, in dB. Of the last scene: how memory grows, with the
+picture and without it. Solid's
 light does not come along with the camera here: captures of renders would each be lit from where
 they look, those of the view are not. Prints a line a scene and writes FOLDER/live_view.json and
 pictures (ImageMagick's ``import``). Quits Blender at the end.
@@ -17,6 +18,7 @@ pictures (ImageMagick's ``import``). Quits Blender at the end.
 
 from __future__ import annotations
 
+import gc
 import json
 import statistics
 import subprocess
@@ -246,6 +248,32 @@ def memory() -> float:
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
 
 
+def grown(move):
+    """MiB and Python's blocks of memory, before many redraws and after each quarter of them.
+
+    Given as the last value. Blender sees to events in between, so that captures and pictures at
+    rest are made too.
+    """
+    found = []
+    for k in range(MANY_REDRAWS + 1):
+        if k % (MANY_REDRAWS // 4) == 0:
+            gc.collect()
+            found.append((memory(), sys.getallocatedblocks()))
+        move(k)
+        redraws_once()
+        if k % REDRAWS == 0:
+            yield 0.3
+    return found
+
+
+def growths(motions: dict):
+    """`grown` for each motion, as the last value."""
+    found = {}
+    for name, move in motions.items():
+        found[name] = yield from grown(move)
+    return found
+
+
 def watch(views, capture) -> None:
     """Note how long pieces of work take."""
     work, draw = views._work, capture.Captures.draw
@@ -390,12 +418,11 @@ def measure(scene_path: str):
     result["failures"] = [view.failure for view in views_of() if view.failure]
     result["pixels"] = [view.painter.pixels for view in views_of() if view.painter]
     if scene_path == SCENES[-1] and "memory" in PARTS:
-        before = memory()
-        for _ in range(MANY_REDRAWS):
-            redraws_once()
-        result["memory_mib"] = [before, memory()]
-        yield 0.5
+        result["memory"] = yield from growths(motions)
     switch(False)
+    if scene_path == SCENES[-1] and "memory" in PARTS:
+        yield 0.5
+        result["plain_memory"] = yield from growths(motions)
     if "f12" in PARTS:
         picture = rendered(path, frame, (int(x1 - x0), int(y1 - y0)), FOLDER / f"{name}_f12.png")
         rest, glass = rest[y0:y1, x0:x1], glass[y0:y1, x0:x1]

@@ -28,6 +28,15 @@ from .paint import _quad, _shader
 from .wires import Wires
 
 FACES = 6
+CLOSE = FACES
+"""Number of a capture's close picture, which comes after its faces: it looks where a curved glass
+magnifies most, ahead of the eye through the glass's middle."""
+OPENING = 0.35
+"""Half of a close picture's side at a distance of 1; of a face it is 1."""
+AIM_KEPT = 0.15
+"""As much, in the same measure, a close picture may look beside where it should."""
+LEAST_SHARE = 0.05
+"""Of the view's pixels: glasses that may cover less have no close picture."""
 SIDES = {"SOLID": 256, "MATERIAL": 192, "RENDERED": 192}
 """Pixels a side of a face, by the view's shading. One size each: engines compile for it."""
 NEAR = 0.02
@@ -108,6 +117,10 @@ class Captures:
         self._face = None
         self._key: tuple = ()
         self._boxes: list[Box] = []
+        self._wanted: dict[int, np.ndarray] = {}
+        self._closes: dict[int, np.ndarray] = {}
+        """Of close pictures by the number of their capture: where they are to look, and where those
+        looked that are drawn; see `aimed`."""
 
     @property
     def textures(self) -> tuple:
@@ -127,14 +140,34 @@ class Captures:
 
     @property
     def total(self) -> int:
-        return FACES * (self.glasses + len(self._seconds))
+        return FACES * (self.glasses + len(self._seconds)) + len(self._wanted)
 
-    def listed(self) -> list[tuple[np.ndarray, int]]:
-        """Centre and side of each, for `eye.pack_view`; side 0 until all its faces are drawn."""
-        return [
-            (centre, self.side if all((k, f) in self._drawn for f in range(FACES)) else 0)
-            for k, centre in enumerate(self.centres)
-        ]
+    def listed(self) -> list[tuple[np.ndarray, int, np.ndarray | None]]:
+        """Centre, side and close picture of each, for `eye.pack_view`; side 0 until all its faces
+        are drawn.
+        """
+        found = []
+        for k, centre in enumerate(self.centres):
+            is_drawn = all((k, f) in self._drawn for f in range(FACES))
+            found.append((centre, self.side if is_drawn else 0, self._closes.get(k)))
+        return found
+
+    def aim(self, targets: dict[int, np.ndarray]) -> None:
+        """Have close pictures look at places (3,), by the number of their capture.
+
+        Those that look nearly there already stay as they are. Faces are drawn before: only then a
+        capture's centre is known.
+        """
+        for number in self._wanted.keys() - targets.keys():
+            del self._wanted[number]
+            self._closes.pop(number, None)
+            self._stale.discard((number, CLOSE))
+        for number, target in targets.items():
+            wanted = aimed(target - self.centres[number])
+            last = self._wanted.get(number)
+            if last is None or np.linalg.norm(wanted[2] - last[2]) > AIM_KEPT:
+                self._wanted[number] = wanted
+                self._stale.add((number, CLOSE))
 
     def arrange(self, glasses: list[Posed], shading: tuple, boxes: list[Box]) -> None:
         """See that every glass has a capture, to be drawn when there is time.
@@ -147,18 +180,21 @@ class Captures:
         if key != self._key:
             self._key, self.side = key, side
             self._drawn.clear()
+            self._wanted.clear()
+            self._closes.clear()
             self._face = None
             # As large as it will be: drivers compile shaders anew for textures of another kind.
             self.glasses = len(glasses)
             self.centres = [glass.middle() for glass in [*glasses, *glasses][:CAPTURES]]
             self._seconds.clear()
-            self._make_atlas(FACES * side, max(1, len(self.centres)) * side)
+            self._make_atlas((FACES + 1) * side, max(1, len(self.centres)) * side)
         self._boxes = boxes
         self.outdate()
 
     def outdate(self) -> None:
         """The scene or its looks changed."""
         self._stale = set(product((*range(self.glasses), *self._seconds), range(FACES)))
+        self._stale |= {(number, CLOSE) for number in self._wanted}
 
     def draw(
         self,
@@ -179,7 +215,13 @@ class Captures:
         number, face = min(self._stale)
         glass = glasses[number % self.glasses]
         if number < self.glasses and all((number, k) in self._stale for k in range(FACES)):
-            self.centres[number] = centre_of(glass, self._boxes, self.centres[number])
+            before = self.centres[number]
+            self.centres[number] = centre_of(glass, self._boxes, before)
+            if not np.array_equal(before, self.centres[number]):
+                # It was seen from elsewhere.
+                self._wanted.pop(number, None)
+                self._closes.pop(number, None)
+                self._stale.discard((number, CLOSE))
             self._look_behind(number, glass)
         side, centre = self.side, self.centres[number]
         if self._face is None:
@@ -188,7 +230,11 @@ class Captures:
         reach = glass.reach()
         near, far = NEAR * reach, max(FAR * reach, space.clip_end)
         began = time.perf_counter()
-        to_camera, projection = face_view(face, centre), face_projection(near, far)
+        if face == CLOSE:
+            rows, projection = self._wanted[number], face_projection(near, far, OPENING)
+        else:
+            rows, projection = axes(face), face_projection(near, far)
+        to_camera = face_view(rows, centre)
         if turned is not None:
             to_camera, projection = lit_as_beside(to_camera, projection, turned, near)
         with _plainly(space, bpy.context.preferences):
@@ -215,7 +261,10 @@ class Captures:
         self._keep(number, face, depth, wire_depth, near / frame.unit, far / frame.unit)
         self.seconds = time.perf_counter() - began
         self._stale.discard((number, face))
-        self._drawn.add((number, face))
+        if face == CLOSE:
+            self._closes[number] = rows * ((1.0 / OPENING,), (1.0 / OPENING,), (1.0,))
+        else:
+            self._drawn.add((number, face))
         self.version += 1
 
     def _look_behind(self, number: int, glass: Posed) -> None:
@@ -238,7 +287,7 @@ class Captures:
         side = self.side
         shader = _shader("face")
         texture = gpu.types.GPUTexture((side, side), format="R32F", data=depth)
-        width, height = FACES * side, len(self.centres) * side
+        width, height = (FACES + 1) * side, len(self.centres) * side
         x, y = face * side, number * side
         low = 2.0 * x / width - 1.0, 2.0 * y / height - 1.0
         high = 2.0 * (x + side) / width - 1.0, 2.0 * (y + side) / height - 1.0
@@ -316,18 +365,26 @@ def axes(face: int) -> np.ndarray:
     return np.stack((unit[(axis + 1) % 3], -turn * unit[(axis + 2) % 3], turn * unit[axis]))
 
 
-def face_view(face: int, centre: np.ndarray) -> np.ndarray:
-    """(4, 4): world to the camera of a face."""
+def aimed(along: np.ndarray) -> np.ndarray:
+    """(3, 3) rows: right, up and forward of a picture that looks along a direction (3,)."""
+    forward = along / np.linalg.norm(along)
+    right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])
+    right /= np.linalg.norm(right)
+    return np.stack((right, np.cross(right, forward), forward))
+
+
+def face_view(rows: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """(4, 4): world to the camera that looks as `axes` or `aimed` tells."""
     matrix = np.eye(4)
-    matrix[:3, :3] = axes(face) * ((1.0,), (1.0,), (-1.0,))
+    matrix[:3, :3] = rows * ((1.0,), (1.0,), (-1.0,))
     matrix[:3, 3] = -matrix[:3, :3] @ centre
     return matrix
 
 
-def face_projection(near: float, far: float) -> np.ndarray:
-    """(4, 4): a square picture of 90 degrees."""
+def face_projection(near: float, far: float, opening: float = 1.0) -> np.ndarray:
+    """(4, 4): a square picture, half of whose side at a distance of 1 is ``opening``."""
     matrix = np.zeros((4, 4))
-    matrix[0, 0] = matrix[1, 1] = 1.0
+    matrix[0, 0] = matrix[1, 1] = 1.0 / opening
     matrix[2, 2], matrix[2, 3] = (near + far) / (near - far), 2.0 * near * far / (near - far)
     matrix[3, 2] = -1.0
     return matrix
@@ -400,6 +457,17 @@ class Box:
         ends = np.stack(((-self.half - start) / way, (self.half - start) / way))
         enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
         return np.maximum(enter, 0.0) <= np.minimum(leave, 1.0)
+
+    def way_from(self, one: np.ndarray, along: np.ndarray) -> float:
+        """Metres from a place (3,) along a unit direction to the box's surface; inf: not met."""
+        start = self.to_box[:3, :3] @ one + self.to_box[:3, 3]
+        way = self.to_box[:3, :3] @ along
+        way = np.where(np.abs(way) < LEAST_HALF, LEAST_HALF, way)
+        ends = np.stack(((-self.half - start) / way, (self.half - start) / way))
+        enter, leave = float(ends.min(axis=0).max()), float(ends.max(axis=0).min())
+        if leave < max(enter, 0.0):
+            return np.inf
+        return enter if enter > 0.0 else leave
 
     def unit(self) -> np.ndarray:
         """(4, 4): from the world to a frame in which the box runs from -1 to 1."""

@@ -50,6 +50,9 @@ ENDLESS, HOLLOW, HOLDS = 1, 2, 4
 """Flags of a medium: rays that meet nothing in it have left; things may stand in it; it holds where
 glasses overlap (see `optics.placed.Media`)."""
 
+UNKNOWN_BOXES = -1.0
+"""Stands for the number of all things' boxes where things may be outside of them, too."""
+
 DEEPEST = 4
 """Glasses that a ray may be in at once."""
 
@@ -122,8 +125,15 @@ def common_frame(glasses: Sequence[Posed]) -> Frame:
     return Frame(origin, unit, float(max(away)) / unit)
 
 
-def pack(glasses: Sequence[Posed], frame: Frame) -> np.ndarray:
+def pack(
+    glasses: Sequence[Posed], frame: Frame, boxes: Sequence[np.ndarray] | None = None
+) -> np.ndarray:
     """The block that describes glasses to the shader: (ROWS, 4) float32.
+
+    Parameters
+    ----------
+    boxes : (4, 4) each: from the world to a frame in which the box of a thing runs from -1 to 1;
+        outside of them nothing is. None: anything may be anywhere.
 
     Raises
     ------
@@ -134,7 +144,7 @@ def pack(glasses: Sequence[Posed], frame: Frame) -> np.ndarray:
     rows = [np.zeros((head, 4))]
     surroundings = {glass.body.media[0] for glass in glasses if not _is_mesh(glass.body)}
     around = min(surroundings, default=1.0)
-    rows[0][0] = len(glasses), around, 0.0, 0.0
+    rows[0][0] = len(glasses), around, 0.0, UNKNOWN_BOXES
     starts = starts_of(trees_of(glasses))
     used = head
     for number, glass in enumerate(glasses):
@@ -161,6 +171,10 @@ def pack(glasses: Sequence[Posed], frame: Frame) -> np.ndarray:
         record[9] = glass.priority, *reflected
         record[10, :3] = 0.5 * (high - low) + BOX_MARGIN * record[1, 3]
         used = total
+    if boxes is not None and used + THING_ROWS * len(boxes) <= ROWS:
+        rows[0][0, 2:] = used, len(boxes)
+        rows += [_thing(matrix, frame) for matrix in boxes]
+        used += THING_ROWS * len(boxes)
     block = np.zeros((ROWS, 4), np.float32)
     block[:used] = np.concatenate(rows)
     return block

@@ -11,6 +11,9 @@ from .description import Frame
 CAPTURES = 8
 """Captures that the shader's block has room for."""
 
+VIEW_ROWS = 12 + 4 * CAPTURES
+"""Rows of four floats in the block of a view."""
+
 LEAST_AHEAD = 0.5
 """How far ahead of the eye, in units of the common frame, the plane lies that rays are led through,
 should the glasses be nearer or behind it."""
@@ -84,7 +87,7 @@ def pixel_width(view: Viewpoint, frame: Frame) -> tuple[float, float]:
 def pack_view(
     view: Viewpoint,
     frame: Frame,
-    captures: list[tuple[np.ndarray, int]],
+    captures: list[tuple[np.ndarray, int, np.ndarray | None]],
     seconds: int,
     scene_reach: float,
 ) -> np.ndarray:
@@ -92,13 +95,13 @@ def pack_view(
 
     Parameters
     ----------
-    captures : for each its centre (3,) in the world and the pixels of a face's side, 0 while
-        nothing of it is drawn.
+    captures : for each its centre (3,) in the world, the pixels of a face's side, 0 while nothing
+        of it is drawn, and of its close picture (3, 3) rows as `capture.aimed` gives them, or None.
     seconds : how many numbers after a glass's capture its second one comes.
     scene_reach : metres from the frame's origin within which all things are.
     """
     to_world, unit = frame.to_world(), frame.unit
-    block = np.zeros((12 + CAPTURES, 4))
+    block = np.zeros((VIEW_ROWS, 4))
     # Column by column, as GLSL keeps matrices.
     block[:4] = (view.projection @ view.to_camera @ to_world).T
     begin = depth_begin(view, frame)
@@ -123,6 +126,10 @@ def pack_view(
     block[5, :2] = pixel_width(view, frame)
     block[10] = *view.size, near, longest
     block[11, :2] = MARGIN * frame.reach, seconds
-    for number, (centre, side) in enumerate(captures[:CAPTURES]):
+    for number, (centre, side, close) in enumerate(captures[:CAPTURES]):
         block[12 + number] = *frame.place(centre), side
+        if close is not None:
+            right, up, forward = close
+            rows = block[12 + CAPTURES + 3 * number :]
+            rows[0], rows[1, :3], rows[2, :3] = (*forward, 1.0), right, up
     return block.astype(np.float32)

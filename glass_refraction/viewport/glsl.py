@@ -44,6 +44,7 @@ struct View {{
   vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
   vec4 start;        /* radius of the ball that holds all glasses; from a capture to a second */
   vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
+  vec4 closes[24];   /* of each one's close picture: forward, and 1 if there is one; right, up */
 }};
 """
 
@@ -972,6 +973,7 @@ VIEWS = (
     + """
 #define FAR_OFF 1e19
 #define TILE 8
+#define CLOSE 6.0
 /* Pixels from look to look where a tile does not tell. */
 #define STRIDE 2.0
 #define DIRECT_STEPS 80
@@ -1009,21 +1011,33 @@ float depth_at(ivec2 pixel)
 
 vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
 
-/* Which face of a capture shows a direction, and which pixel of it: (x, y, face). */
-vec3 face_of(vec3 d, float side)
+/* Clamped as `row` is. */
+vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, 7)]; }
+
+/* Which face of a capture shows a direction, and which pixel of it: (x, y, face); the last one is
+ * its close picture. `depth`: of d along the face's axis. */
+vec3 face_of(int slot, vec3 d, out float depth)
 {
+  int close = 3 * clamp(slot, 0, 7);
+  vec4 forward = view.closes[close];
+  float side = capture_at(slot).w;
+  if (forward.w > 0.0) {
+    depth = dot(d, forward.xyz);
+    vec2 at = vec2(dot(d, view.closes[close + 1].xyz), dot(d, view.closes[close + 2].xyz));
+    if (max(abs(at.x), abs(at.y)) < (1.0 - 1.0 / side) * depth) {
+      return vec3((0.5 * at / depth + 0.5) * side, CLOSE);
+    }
+  }
   vec3 a = abs(d);
   bool is_x = a.x >= a.y && a.x >= a.z;
   bool is_y = !is_x && a.y >= a.z;
   vec3 r = is_x ? d.yzx : (is_y ? d.zxy : d);
+  depth = abs(r.z);
   float turn = r.z < 0.0 ? -1.0 : 1.0;
   vec2 at = vec2(r.x, -turn * r.y) / abs(r.z);
   float axis = is_x ? 0.0 : (is_y ? 2.0 : 4.0);
   return vec3((0.5 * at + 0.5) * side, turn < 0.0 ? axis + 1.0 : axis);
 }
-
-/* Clamped as `row` is. */
-vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, 7)]; }
 
 ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
 {
@@ -1036,16 +1050,18 @@ ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
 float capture_gap(int slot, vec3 p)
 {
   float side = capture_at(slot).w;
-  vec3 at = face_of(p, side);
+  float depth;
+  vec3 at = face_of(slot, p, depth);
   float shown = abs(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
-  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
+  return depth - shown;
 }
 
 /* The same, where a surface goes on from pixel to pixel: of a plane 1 / depth is linear there. */
 float smooth_gap(int slot, vec3 p)
 {
   float side = capture_at(slot).w;
-  vec3 at = face_of(p, side);
+  float depth;
+  vec3 at = face_of(slot, p, depth);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
   ivec2 corner = atlas_pixel(slot, at, low, side);
@@ -1059,7 +1075,7 @@ float smooth_gap(int slot, vec3 p)
   float nearest = t.y < 0.5 ? pair.x : pair.y;
   float mixed = mix(mix(near.x, near.y, t.x), mix(near.z, near.w, t.x), t.y);
   float shown = 1.0 / max(most < GOES_ON * least_ ? mixed : nearest, 1e-19);
-  return max(max(abs(p.x), abs(p.y)), abs(p.z)) - shown;
+  return depth - shown;
 }
 
 /* The second capture of a glass that has a first one, behind what hides much from that; or -1. */
@@ -1081,10 +1097,32 @@ bool is_seen(int slot, vec3 p)
 
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
 
+/* Whether a ray runs through one of some boxes of things within its reach. */
+bool meets_boxes(int first, int count, vec3 p, vec3 d, float reach)
+{
+  for (int k = 0; k < count; k++) {
+    int at = first + THING_ROWS * k;
+    vec4 h = vec4(p, 1.0);
+    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
+    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
+    v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
+    vec3 one = (-BOX_MARGIN - o) / v;
+    vec3 two = (BOX_MARGIN - o) / v;
+    vec3 enter = min(one, two), leave_ = max(one, two);
+    float low = max(max(enter.x, enter.y), max(enter.z, 0.0));
+    float high = min(min(leave_.x, leave_.y), min(leave_.z, reach));
+    if (low <= high) {
+      return true;
+    }
+  }
+  return false;
+}
+
 bool shows_thing(int slot, vec3 d)
 {
   float side = capture_at(slot).w;
-  vec3 at = face_of(d, side);
+  float depth;
+  vec3 at = face_of(slot, d, depth);
   return is_there(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
 }
 
@@ -1092,12 +1130,13 @@ bool shows_thing(int slot, vec3 d)
 vec4 capture_colour(int slot, vec3 d)
 {
   float side = capture_at(slot).w;
-  vec3 at = face_of(d, side);
+  float depth;
+  vec3 at = face_of(slot, d, depth);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
   ivec2 corner = atlas_pixel(slot, at, low, side);
   ivec2 middle = corner + ivec2(round(t));
-  float depth = texelFetch(reach_tx, middle, 0).r;
+  depth = texelFetch(reach_tx, middle, 0).r;
   vec4 mixed = vec4(0.0);
   for (int k = 0; k < 4; k++) {
     ivec2 step_ = ivec2(k & 1, k >> 1);
@@ -1524,6 +1563,29 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
   return found;
 }
 
+/* Whether a ray may meet anything: things are in boxes, if it is known where they are. */
+bool may_meet_any(vec3 p, vec3 d)
+{
+  return row(0).w < 0.0 || meets_boxes(int(row(0).z), int(row(0).w), p, d, NOWHERE);
+}
+
+/* The world in a direction in which the view does not show it: as the capture shows it there, else
+ * as high to another side. Solid shading leaves it to the background. */
+vec4 sky(vec3 d, int slot)
+{
+  if (backdrop.w > 0.5) {
+    return vec4(0.0);
+  }
+  vec3 along = d;
+  for (int k = 0; slot >= 0 && k < 4; k++) {
+    if (!shows_thing(slot, along)) {
+      return capture_colour(slot, along);
+    }
+    along = vec3(-along.y, along.x, along.z);
+  }
+  return slot >= 0 ? capture_colour(slot, d) : vec4(0.0);
+}
+
 /* What a ray shows of which no view shows the end: the world, or the nearest that is known. */
 vec4 beyond(vec3 o, vec3 d, int slot)
 {
@@ -1537,6 +1599,9 @@ vec4 beyond(vec3 o, vec3 d, int slot)
                all(lessThan(pixel, view.size.xy));
   if (has_depth != 0 && shown && depth_near(pixel) >= FAR_OFF) {
     return thing_at(pixel);
+  }
+  if (!may_meet_any(o, d)) {
+    return sky(d, slot);
   }
   if (slot >= 0) {
     /* Where a thing stands before the first capture the second may show more. */
@@ -1576,7 +1641,7 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   vec4 colour;
   float way;
   int slot = capture_of(g);
-  if (!seen(p, d, NOWHERE, slot, -1, colour, way)) {
+  if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
   add(colour, light);
@@ -1584,33 +1649,11 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 
 void lose(vec4 light) {}
 
-/* Whether a ray runs through the box of a thing that may stand in the glass. */
-bool may_meet(int g, vec3 p, vec3 d, float reach)
-{
-  int first = int(row(9 + GLASS_ROWS * g).w);
-  int count = int(row(1 + GLASS_ROWS * g).w);
-  for (int k = 0; k < count; k++) {
-    int at = first + THING_ROWS * k;
-    vec4 h = vec4(p, 1.0);
-    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
-    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
-    v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
-    vec3 one = (-BOX_MARGIN - o) / v;
-    vec3 two = (BOX_MARGIN - o) / v;
-    vec3 enter = min(one, two), leave_ = max(one, two);
-    float low = max(max(enter.x, enter.y), max(enter.z, 0.0));
-    float high = min(min(leave_.x, leave_.y), min(leave_.z, reach));
-    if (low <= high) {
-      return true;
-    }
-  }
-  return false;
-}
-
 bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {
   /* From one glass to another anything may stand; within one what reaches into its box. */
-  if (boxed && !may_meet(g, p, d, way)) {
+  vec2 things = vec2(row(9 + GLASS_ROWS * g).w, row(1 + GLASS_ROWS * g).w);
+  if (boxed && !meets_boxes(int(things.x), int(things.y), p, d, way)) {
     return false;
   }
   vec4 colour;

@@ -11,7 +11,13 @@ import numpy as np
 from .. import optics
 from ..optics.axial import BoundedGlass
 from ..scene.names import RefractiveGlassError
-from ..scene.read.glasses import as_body, glass_objects, is_mesh_glass, read_glass
+from ..scene.read.glasses import (
+    as_body,
+    glass_modifier,
+    glass_objects,
+    is_mesh_glass,
+    read_glass,
+)
 from ..scene.read.sources import source_objects
 from ..scene.read.viewpoint import Viewpoint
 from .capture import Box, box_of
@@ -22,6 +28,10 @@ from .news import News
 
 NEVER_SEEN = {"CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER", "ARMATURE", "LATTICE"}
 """Kinds of objects that are neither glasses nor seen through one."""
+NEVER_SURFACES = {"BOUNDS", "WIRE"}
+"""Ways of display that leave an object to overlays."""
+SPREADING = {"NODES", "PARTICLE_SYSTEM", "PARTICLE_INSTANCE", "EXPLODE", "OCEAN", "FLUID"}
+"""Kinds of modifiers that may put something outside of an object's box."""
 WITHIN = 0.01
 """Part of a glass's size by which a thing must reach into it to stand in it."""
 FAR_AWAY = 1e3
@@ -51,10 +61,15 @@ class Model:
         self.meshes = MeshGlasses()
         self.problems: list[str] = []
         self._bands: list[list] = []
+        self._world: list[np.ndarray] | None = None
         self._things: dict[int, str] = {}
         self._boxes: dict[int, Box] = {}
         self._units: dict[tuple[int, int], np.ndarray | None] = {}
         self._beside: set[int] = set()
+        self._spread: set[int] = set()
+        """Of the things, those that may reach out of their boxes."""
+        self._has_others = False
+        """Whether the view shows what is neither glass nor thing."""
         self._serial = -1
 
     @property
@@ -99,7 +114,15 @@ class Model:
         ]
         self._things = {obj.session_uid: obj.name for obj in things}
         self._beside = {o.session_uid for o in layer.objects if o.type in NEVER_SEEN}
-        self._boxes, self._units = {}, {}
+        self._has_others = any(
+            o.session_uid not in self._things
+            and o.type not in NEVER_SEEN | {"EMPTY"}
+            and o.display_type not in NEVER_SURFACES
+            and not (o.type == "MESH" and glass_modifier(o) is not None)
+            and o.visible_get(view_layer=layer, viewport=space)
+            for o in layer.objects
+        )
+        self._boxes, self._units, self._spread = {}, {}, set()
         self._read_boxes(layer, space, self._things.keys())
 
     def _read_boxes(self, layer: bpy.types.ViewLayer, space, which) -> bool:
@@ -111,6 +134,9 @@ class Model:
             if not obj.visible_get(view_layer=layer, viewport=space):
                 return False
             self._boxes.pop(uid, None)
+            self._spread.discard(uid)
+            if _spreads(obj):
+                self._spread.add(uid)
             box = box_of(obj, layer.depsgraph)
             if box is not None:
                 self._boxes[uid] = box
@@ -141,8 +167,9 @@ class Model:
                 found.append(one[0])
                 self._bands.append(one[1])
         self.meshes.keep(self.shown)
+        numbers = captures_of([glass.middle() for glass in found])
         self.glasses = [
-            replace(glass, capture=min(number, CAPTURES - 1)) for number, glass in enumerate(found)
+            replace(glass, capture=number) for number, glass in zip(numbers, found, strict=True)
         ]
         self.frame = common_frame(self.glasses) if self.glasses else None
 
@@ -186,14 +213,21 @@ class Model:
         self.glasses = [
             replace(glass, outer=medium) for glass, medium in zip(self.glasses, outer, strict=True)
         ]
+        self._world = self._all_boxes()
         while self.glasses:
             try:
-                self.block = pack(self.glasses, self.frame)
+                self.block = pack(self.glasses, self.frame, self._world)
                 self.bands = self._pack_bands()
                 return
             except TooMuch as error:
                 self.problems.append(f"A glass is left out of the view: {error}")
                 self.glasses.pop()
+
+    def _all_boxes(self) -> list[np.ndarray] | None:
+        """Boxes outside of which nothing is shown, see `pack`; None if something may be."""
+        if self._has_others or self._spread or len(self._boxes) < len(self._things):
+            return None
+        return [box.unit() for box in self._boxes.values()]
 
     def dispersing(self) -> list[bool]:
         """Of each glass whether red, green and blue light go different ways."""
@@ -210,9 +244,19 @@ class Model:
                     for glass, seen in zip(self.glasses, self._bands[:count], strict=True)
                 ],
                 self.frame,
+                self._world,
             )
             for number in range(len(optics.LINES))
         ]
+
+
+def captures_of(middles: list[np.ndarray]) -> list[int]:
+    """Of each glass the number of its capture; those for which there is none share the nearest."""
+    own = middles[:CAPTURES]
+    return [
+        min(range(len(own)), key=lambda k: float(np.linalg.norm(own[k] - middle)))
+        for middle in middles
+    ]
 
 
 def _closed_form(
@@ -231,6 +275,15 @@ def _closed_form(
     posed = Posed(glass.description, glass.to_world, glass.absorption, priority=glass.priority)
     seen = [as_body(band).description for band in read.bands()]
     return posed, seen * (len(optics.LINES) // len(seen))
+
+
+def _spreads(obj: bpy.types.Object) -> bool:
+    """Whether something of a thing may be outside of its box: instances, hair, a curve's bevel."""
+    return (
+        obj.type != "MESH"
+        or obj.is_instancer
+        or any(modifier.type in SPREADING for modifier in obj.modifiers)
+    )
 
 
 def _reaches_in(box: Box, glass: Posed) -> bool:

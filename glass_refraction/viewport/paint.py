@@ -19,7 +19,7 @@ import numpy as np
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import ROWS, Frame, Posed, trees_of
-from .eye import CAPTURES, common_line, pack_view, pixel_width
+from .eye import VIEW_ROWS, common_line, pack_view, pixel_width
 from .trees import ROW_BITS, Tree
 from .wires import Wires
 
@@ -38,13 +38,15 @@ WHOLE = (-1.0, -1.0, 1.0, 1.0)
 class Way:
     """How rays are followed: the least part of the light, the most ways, whether they split.
 
-    backdrop : what is seen where nothing is, see `Painter.show`.
+    backdrop : what is seen where nothing is, see `Painter.show`. is_open : the engine leaves
+        that to the overlay, so that it is known in every direction.
     """
 
     least: float
     most: int
     splits: bool
     backdrop: tuple[float, float, float, float]
+    is_open: bool
 
 
 class Direct:
@@ -224,7 +226,7 @@ def depths_between(
     direct.depth = direct._plain = _texture(np.ascontiguousarray(values, np.float32), "R32F")
     direct._stepped, direct._to_stepped = _target(direct.size, "RG32F")
     direct._mark_steps((width, 0.0))
-    block = np.zeros((12 + CAPTURES, 4), np.float32)
+    block = np.zeros((VIEW_ROWS, 4), np.float32)
     block[5, 0], block[10, :2] = width, direct.size
     block[9, 3] = not parallel
     size = (parts * columns, parts * height)
@@ -307,7 +309,7 @@ class Painter:
         view: Viewpoint,
         frame: Frame,
         glasses: list[Posed],
-        captures: list[tuple[np.ndarray, int]],
+        captures: list[tuple[np.ndarray, int, np.ndarray | None]],
         seconds: int,
         scene_reach: float,
     ) -> None:
@@ -496,7 +498,7 @@ class Painter:
             shader.uniform_int("is_listed", int(layer.listed is not None))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
-            shader.uniform_float("backdrop", way.backdrop)
+            shader.uniform_float("backdrop", (*way.backdrop[:3], float(way.is_open)))
             shader.uniform_int("splits", int(way.splits))
             shader.uniform_int("has_depth", int(self.direct.has_depth))
             if displaced is not None:

@@ -71,6 +71,8 @@ QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
 MOST_AWAY = 20
 """Timers in a row that may find the context of another window."""
+FAR_TARGET = 100.0
+"""Reaches of a glass to where its close picture looks if nothing stands there."""
 SETTLED = 2
 """Redraws in a row without a material being compiled, after which an engine shows no stand-ins.
 What was compiled is taken up between redraws: the first one may still have shown some."""
@@ -102,6 +104,8 @@ class _View:
         self.stamp: tuple = ()
         self.eye = None
         self.backdrop = (0.0, 0.0, 0.0, 0.0)
+        self.is_open = False
+        """The engine leaves the background to the overlay."""
         self.turned = b""
         self.changed = 0.0
         self.refined = 0.0
@@ -329,6 +333,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         captures.outdate()
         view.turned = turned
     view.eye, view.backdrop = eye, _backdrop(context)
+    view.is_open = space.shading.type == "SOLID"
     python += time.thread_time()
     view.waits = False
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
@@ -416,7 +421,7 @@ def _sample(
     from .paint import Way
 
     painter = view.painter
-    way = Way(settings.min_weight, ways, settings.surface == "GLASS", view.backdrop)
+    way = Way(settings.min_weight, ways, settings.surface == "GLASS", view.backdrop, view.is_open)
     number = painter.samples + edges
     jitter = _jitter(number)
     pixels = None
@@ -624,6 +629,9 @@ def _work(view: _View, window, space, region) -> None:
             view.waits = True
         region.tag_redraw()
         return
+    if not captures.left and view.stage == MOVING:
+        # Solid shading's faces are fine enough, and cost less than one of an engine's.
+        captures.aim({} if space.shading.type == "SOLID" else _targets(view))
     if captures.left:
         if view.model.key[:2] != (scene.session_uid, generation(scene)):
             # Drawn anew, the view asks again.
@@ -679,6 +687,26 @@ def _work(view: _View, window, space, region) -> None:
                 view.final = True
                 counters["rests"] += 1
                 region.tag_redraw()
+
+
+def _targets(view: _View) -> dict[int, np.ndarray]:
+    """Where close pictures are to look, see `Captures.aim`: ahead of the eye, behind each glass."""
+    from .capture import LEAST_SHARE
+    from .paint import screen_rect
+
+    found = {}
+    for number, glass in enumerate(view.model.glasses[: view.captures.glasses]):
+        rect = screen_rect(glass, view.eye)
+        if rect is None or 0.25 * (rect[2] - rect[0]) * (rect[3] - rect[1]) < LEAST_SHARE:
+            continue
+        middle, reach = glass.middle(), glass.reach()
+        along = view.eye.forward if view.eye.is_parallel else middle - view.eye.eye
+        along = along / np.linalg.norm(along)
+        start = middle + reach * along
+        ways = [box.way_from(start, along) for box in view.model.boxes]
+        far = max(view.model.scene_reach(), FAR_TARGET * reach)
+        found[number] = start + min([*ways, far]) * along
+    return found
 
 
 def _open_regions():

@@ -114,6 +114,31 @@ def test_two_views(found):
     assert found["one_left"] == [True, 3]
 
 
+def test_quad_view(found):
+    assert found["quad"] == [4, 4]
+
+
+def test_two_windows_show_two_scenes(found):
+    areas, is_final, scenes = found["scenes"]
+    assert areas == 1
+    assert is_final
+    assert scenes == 2
+
+
+@pytest.mark.parametrize("motion", ["still", "eye", "object"])
+def test_redraws_leave_nothing_behind(found, motion):
+    """Forty redraws, three times: as much is made each time, and nothing is kept of it."""
+    first, second, third = found["memory"][motion]
+    assert first[1] >= 40
+    if motion == "still":
+        # What is there is shown again.
+        assert second[0] == third[0] == 0
+    else:
+        assert 0 < third[0] <= 12 * third[1]
+    # One block more a redraw would be 40.
+    assert third[2] - second[2] < 40
+
+
 def test_files_hold_the_glass_whole(found):
     assert found["faces_while_shown"] == 0
     assert not found["marked_in_file"]

@@ -130,6 +130,25 @@ def test_more_than_fits_is_told_and_nothing_is_cut():
         pack(two, common_frame(two))
 
 
+def test_boxes_of_things_are_told_only_if_they_hold_all():
+    glass = posed(GLASSES["slab"])
+    frame = common_frame([glass])
+    place = np.eye(4)
+    place[:3, 3] = (-1.0, -2.0, -3.0)
+    first, count = pack([glass], frame, [np.eye(4), place])[0, 2:].astype(int)
+    block = pack([glass], frame, [np.eye(4), place])
+    assert count == 2
+    # The middle of the second box, in its own frame.
+    middle = np.append(frame.place(np.array((1.0, 2.0, 3.0))), 1.0)
+    second = block[first + description.THING_ROWS :][: description.THING_ROWS]
+    assert second @ middle == pytest.approx(np.zeros(3), abs=1e-5)
+    assert pack([glass], frame, [])[0, 3] == 0
+    # Anything may be anywhere: nothing is known, or more than there is room for.
+    many = [np.eye(4)] * description.ROWS
+    for boxes in (None, many):
+        assert pack([glass], frame, boxes)[0, 3] == description.UNKNOWN_BOXES
+
+
 def _round(count):
     angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     return np.column_stack((np.cos(angle), np.sin(angle)))

@@ -7,7 +7,8 @@ import pytest
 from glass_refraction import optics
 from glass_refraction.viewport import capture, paint
 from glass_refraction.viewport.description import Posed, common_frame
-from glass_refraction.viewport.eye import common_line, depths, pack_view, view_eye
+from glass_refraction.viewport.eye import CAPTURES, common_line, depths, pack_view, view_eye
+from glass_refraction.viewport.model import captures_of
 
 SIZE = (640, 400)
 PERSPECTIVE = [(1.5, 0, 0.1, 0), (0, 2.4, -0.05, 0), (0, 0, -1.004, -0.2004), (0, 0, -1, 0)]
@@ -52,9 +53,51 @@ def test_a_face_looks_along_its_axis_and_is_no_mirror_image(face):
     assert np.cross(right, up) == pytest.approx(-forward)
     centre = np.array((1.0, 2.0, 3.0))
     ahead = np.append(centre + 2.0 * forward + 0.5 * right, 1.0)
-    clip = capture.face_projection(0.1, 10.0) @ capture.face_view(face, centre) @ ahead
+    clip = (
+        capture.face_projection(0.1, 10.0) @ capture.face_view(capture.axes(face), centre) @ ahead
+    )
     assert clip[:2] / clip[3] == pytest.approx((0.25, 0.0))
     assert clip[3] == pytest.approx(2.0)
+
+
+def test_a_close_picture_looks_where_it_is_told():
+    rng = np.random.default_rng(3)
+    for along in (*np.eye(3), *-np.eye(3), *rng.normal(size=(20, 3))):
+        right, up, forward = rows = capture.aimed(along)
+        assert rows @ rows.T == pytest.approx(np.eye(3))
+        assert np.cross(right, up) == pytest.approx(-forward)
+        assert forward == pytest.approx(along / np.linalg.norm(along))
+
+
+def test_how_far_a_box_is_along_a_ray_is_told_by_points_on_the_way():
+    rng = np.random.default_rng(6)
+    box = box_at((0.1, -0.2, 0.3), (0.2, 0.05, 0.4))
+    met = 0
+    for _ in range(300):
+        one, along = rng.uniform(-0.8, 0.8, 3), rng.normal(size=3)
+        along /= np.linalg.norm(along)
+        way = box.way_from(one, along)
+        if np.isfinite(way):
+            assert box.distance((one + way * along)[None])[0] == pytest.approx(0.0, abs=1e-9)
+            met += 1
+        else:
+            parts = np.linspace(0.0, 4.0, 401)[:, None]
+            assert box.distance(one + parts * along).min() > -1e-3
+    assert 10 < met < 290
+
+
+def test_close_pictures_stay_while_they_look_nearly_where_they_should():
+    captures = capture.Captures()
+    captures.centres = [np.zeros(3)]
+    captures.aim({0: np.array((0.0, 1.0, 0.0))})
+    assert captures.left == 1
+    captures._stale.clear()
+    captures.aim({0: np.array((0.5 * capture.AIM_KEPT, 1.0, 0.0))})
+    assert captures.left == 0
+    captures.aim({0: np.array((2.0 * capture.AIM_KEPT, 1.0, 0.0))})
+    assert captures.left == 1
+    captures.aim({})
+    assert captures.left == 0
 
 
 def test_a_capture_stands_in_the_glass_and_out_of_the_way_of_things():
@@ -101,6 +144,13 @@ def test_a_second_capture_stands_behind_what_hides_much_from_the_first():
     room = box_at(middle, (1.0, 1.0, 1.0))
     assert capture.second_centre_of(one, [], first) is None
     assert capture.second_centre_of(one, [straw, room], first) is None
+
+
+def test_glasses_without_a_capture_of_their_own_share_the_nearest():
+    places = [np.array((float(k), 0.0, 0.0)) for k in range(CAPTURES)]
+    more = [np.array((2.2, 0.1, 0.0)), np.array((0.0, 5.0, 0.0))]
+    assert captures_of([*places, *more]) == [*range(CAPTURES), 2, 0]
+    assert captures_of([]) == []
 
 
 def test_rectangles_that_meet_become_one_and_cover_the_same():

@@ -5,6 +5,7 @@ Arguments: output folder, the scene that ``viewport_f12`` made. Writes screensho
 rest as the result.
 """
 
+import gc
 import subprocess
 import sys
 import time
@@ -22,6 +23,10 @@ FOLDER, SCENE = Path(sys.argv[-2]), Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 FRAMES = (1, 10, 20)
 REST_SECONDS = 300
+REDRAWS = 40
+"""Of each kind of motion; an even number leaves everything where it was."""
+STEP = (0.002, -0.002)
+"""Metres by which eye or eraser move from redraw to redraw."""
 FAR_OFF = 1e6
 """Metres: nothing of the scene is as far off."""
 
@@ -266,6 +271,103 @@ def two_views():
     yield 0.5
 
 
+def quad_view():
+    """Four regions of one area, three of them along the axes and without perspective."""
+    (area,) = areas()
+    views = module()
+    with override(area):
+        bpy.ops.screen.region_quadview()
+    yield 1.0
+    yield from rest()
+    regions = [r.as_pointer() for r in area.regions if r.type == "WINDOW"]
+    shown = [views._views.get(pointer) for pointer in regions]
+    result["quad"] = [
+        len(regions),
+        sum(v is not None and v.final and v.painter.pixels > 0 for v in shown),
+    ]
+    subprocess.run(["import", "-window", "root", FOLDER / "viewport_quad.png"], check=True)
+    with override(area):
+        bpy.ops.screen.region_quadview()
+    yield from rest()
+
+
+def two_windows():
+    """A second window, which shows another scene through a glass of its own."""
+    (area,) = areas()
+    views, manager = module(), bpy.context.window_manager
+    with override(area):
+        bpy.ops.scene.new(type="FULL_COPY")
+        other = bpy.context.scene
+        manager.windows[0].scene = bpy.data.scenes[0]
+        bpy.ops.wm.window_new()
+    second = manager.windows[-1]
+    second.scene = other
+    moved = next(o for o in other.objects if o.name.startswith("Glass"))
+    moved.location.x += 0.01
+    yield 1.0
+    found = [a for a in second.screen.areas if a.type == "VIEW_3D"]
+    for one in found:
+        region = next(r for r in one.regions if r.type == "WINDOW")
+        with bpy.context.temp_override(window=second, area=one, region=region):
+            manager.refractive_glass_overlay = True
+    yield from rest()
+    seen = {v.model.key[0]: v.final for v in views._views.values()}
+    result["scenes"] = [len(found), seen.get(other.session_uid), len(seen)]
+    subprocess.run(["import", "-window", "root", FOLDER / "viewport_windows.png"], check=True)
+    with bpy.context.temp_override(window=second):
+        bpy.ops.wm.window_close()
+    yield 0.5
+    bpy.data.scenes.remove(other)
+    yield from rest()
+
+
+def memory():
+    """What is made for a redraw, and what is left of it: by kind of motion.
+
+    GPU objects have Python objects, whose blocks of memory tell whether any is kept.
+    """
+    (area,) = areas()
+    scene, views = bpy.context.scene, module()
+    made = []
+    kinds = {n: getattr(gpu.types, n) for n in ("GPUTexture", "GPUFrameBuffer", "GPUUniformBuf")}
+
+    def counted(kind):
+        def make(*arguments, **named):
+            made.append(kind)
+            return kind(*arguments, **named)
+
+        return make
+
+    eraser = bpy.data.objects["Eraser"]
+    motions = {
+        "still": lambda k: None,
+        "eye": lambda k: setattr(scene.camera.location, "x", scene.camera.location.x + STEP[k % 2]),
+        "object": lambda k: setattr(
+            eraser.delta_location, "x", eraser.delta_location.x + STEP[k % 2]
+        ),
+    }
+    for name, move in motions.items():
+        counts = []
+        for _ in range(3):
+            yield from rest()
+            made.clear()
+            for kind, value in kinds.items():
+                setattr(gpu.types, kind, counted(value))
+            draws = views.counters["draws"]
+            for k in range(REDRAWS):
+                move(k)
+                with override(area):
+                    area.tag_redraw()
+                    bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+            for kind, value in kinds.items():
+                setattr(gpu.types, kind, value)
+            drawn = views.counters["draws"] - draws
+            yield from rest()
+            gc.collect()
+            counts.append([len(made), drawn, sys.getallocatedblocks()])
+        result.setdefault("memory", {})[name] = counts
+
+
 def saved_file():
     """A file holds the glass whole, whatever a view shows."""
     path = FOLDER / "saved.blend"
@@ -316,7 +418,18 @@ def steps():
     (area,) = areas()
     flat_view(area, "SOLID")
     switch(area, True)
-    for part in (frames_like_f12, lines, stillness, orbit, undo_and_redo, two_views):
+    parts = (
+        frames_like_f12,
+        lines,
+        stillness,
+        memory,
+        orbit,
+        undo_and_redo,
+        two_views,
+        quad_view,
+        two_windows,
+    )
+    for part in parts:
         yield from timed(part.__name__, part())
         result.setdefault("failures", []).extend(failures())
     saved_file()
