@@ -31,7 +31,17 @@ from .exits import (
     sun_light,
 )
 from .follow import Band, Follower, Kept
-from .hits import KNOWN, UNSEEN, Scene, Views, blocks_of, place_captures, place_skies, show
+from .hits import (
+    CAPTURE_WORTH,
+    KNOWN,
+    UNSEEN,
+    Scene,
+    Views,
+    blocks_of,
+    place_captures,
+    place_skies,
+    show,
+)
 from .meshes import GlassMeshes
 from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
@@ -69,6 +79,7 @@ class FrameInput:
     clamp : of the light of lamps and of the sky.
     seen_through : names of what is seen through the glasses; None: all.
     exposure : by what the engine multiplies radiance in its pictures.
+    capture_worth : see :class:`hits.Scene`.
     """
 
     glasses: tuple[Glass, ...]
@@ -87,6 +98,7 @@ class FrameInput:
     clamp: Clamp
     seen_through: frozenset[str] | None = None
     exposure: float = 1.0
+    capture_worth: float = CAPTURE_WORTH
 
 
 @dataclass(frozen=True)
@@ -169,7 +181,7 @@ def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> Fram
     centre, scale = _place_and_size(bodies, frame.view)
     casters.things.aim(frame.things, centre, scale)
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
-    scene = Scene(casters.things, frame.things, frame.sky)
+    scene = Scene(casters.things, frame.things, frame.sky, frame.capture_worth)
     direct = direct_view(frame.view, frame.region, frame.near)
     rays, views = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
     tell("adding up the light")

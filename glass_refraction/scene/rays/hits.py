@@ -20,6 +20,8 @@ SKIN = 1e-4
 """Of a sight's length: a surface nearer than this before a hit is the hit's own."""
 CAPTURE_WORTH = 0.4
 """A capture's resolution counts this much of the direct picture's: it has fewer samples."""
+LIT_ELSEWHERE_WORTH = 1e-6
+"""The same where a capture's camera brings its own light: it stands in where nothing else sees."""
 ENOUGH_SEEN = 0.002
 """Part of all light: while less than this is unseen no further capture is placed."""
 STRONG = 0.1
@@ -150,10 +152,14 @@ class Scene:
     """The things that ways meet, ready to be looked for in views.
 
     sky : what those see that meet nothing.
+    capture_worth : how much a capture's resolution counts of the direct picture's.
     """
 
-    def __init__(self, caster: Caster, things: Things, sky: Sky) -> None:
+    def __init__(
+        self, caster: Caster, things: Things, sky: Sky, capture_worth: float = CAPTURE_WORTH
+    ) -> None:
         self.caster, self.things, self.sky = caster, things, sky
+        self.capture_worth = capture_worth
         a, b, c = (things.points[things.triangles[:, k]] for k in range(3))
         normals = np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -212,7 +218,7 @@ class Scene:
             worth[sky] = 0.0
         else:
             worth[sky] = inside[sky] * view.focal_px
-        return worth * (1.0 if direct else CAPTURE_WORTH), pixels
+        return worth * (1.0 if direct else self.capture_worth), pixels
 
     def sees(self, view: RadianceView, hits: Hits) -> np.ndarray:
         """(K,) whether nothing stands between a view and the hits, which lie in its frame."""
@@ -313,7 +319,9 @@ def place_captures(
     known = scene.is_known(ways)
     total = ways.weight.sum()
     hits = scene.hits(ways)
-    shown = _seen(scene, direct, hits, _quality(scene, direct, hits, spacing))
+    # Captures of less worth are not placed for what they would show more finely.
+    fine = spacing * (CAPTURE_WORTH / scene.capture_worth)
+    shown = _seen(scene, direct, hits, _quality(scene, direct, hits, fine))
     # No capture shows a sky that the film leaves out.
     shown[known | (ways.is_sky & scene.sky.is_cut_out)] = 1.0
     begin = shown

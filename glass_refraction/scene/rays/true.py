@@ -39,6 +39,7 @@ from .caster import Casters, fill_cast_collection
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
 from .frame import FrameInput, FrameResult, Room, compute
+from .hits import CAPTURE_WORTH, LIT_ELSEWHERE_WORTH
 from .lamps import sun_of
 from .radiance import Clamp
 from .samples import EARLY, LEVELS
@@ -211,13 +212,18 @@ def _blurred(scene: bpy.types.Scene) -> list[str]:
     return found
 
 
-def _lit_from_elsewhere(scene: bpy.types.Scene, result: FrameResult) -> list[str]:
-    """A line where Workbench lights what captures show from where they look."""
+def _light_comes_along(scene: bpy.types.Scene) -> bool:
+    """Whether Workbench lights what a camera shows from where it looks."""
     shading = scene.display.shading
-    turns = shading.light == "MATCAP" or (
-        shading.light == "STUDIO" and not shading.use_world_space_lighting
-    )
-    if scene.render.engine != "BLENDER_WORKBENCH" or not turns:
+    if scene.render.engine != "BLENDER_WORKBENCH" or shading.light == "FLAT":
+        return False
+    return shading.light == "MATCAP" or not shading.use_world_space_lighting
+
+
+def _lit_from_elsewhere(scene: bpy.types.Scene, result: FrameResult) -> list[str]:
+    """A line where captures show what their own cameras light."""
+    shading = scene.display.shading
+    if not _light_comes_along(scene):
         return []
     share = sum(report.share for report in result.reports if report.name.startswith("capture"))
     if share < TOLD_LIGHT:
@@ -287,6 +293,7 @@ def _read(
         clamp=Clamp(*clamp_settings(scene)),
         seen_through=_seen_through(scene, problems),
         exposure=film_exposure(scene),
+        capture_worth=LIT_ELSEWHERE_WORTH if _light_comes_along(scene) else CAPTURE_WORTH,
     )
 
 

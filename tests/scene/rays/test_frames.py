@@ -709,6 +709,20 @@ def test_light_that_comes_along_with_each_camera_is_told_of(tmp_path):
     assert "switch World Space Lighting on" in told["STUDIO", False][0]
 
 
+def test_what_the_picture_shows_is_not_taken_from_a_capture_that_is_lit_from_elsewhere(tmp_path):
+    scene = _scene(samples=1, engine="BLENDER_WORKBENCH")
+    # Through the water's surface much of the table is seen at second hand, more finely by captures.
+    scenes.cup(scenes.HIGH)
+    bpy.data.objects.remove(bpy.data.objects["Wall"])
+    bpy.ops.mesh.primitive_plane_add(size=0.6)
+    scene.display.shading.light, shares = "STUDIO", {}
+    for everywhere in (True, False):
+        scene.display.shading.use_world_space_lighting = everywhere
+        scenes.picture(scene, tmp_path)
+        shares[everywhere] = door.memory_of(scene).status.views[0].share
+    assert shares[False] > shares[True] + 0.03
+
+
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
 def test_motion_blur_is_rendered_or_told_of(tmp_path, engine):
     scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
