@@ -23,7 +23,7 @@ FOLDER, SCENE = Path(sys.argv[-2]), Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 FRAMES = (1, 10, 20)
 REST_SECONDS = 300
-REDRAWS = 40
+REDRAWS, ROUNDS = 60, 4
 """Of each kind of motion; an even number leaves everything where it was."""
 STEP = (0.002, -0.002)
 """Metres by which eye or eraser move from redraw to redraw."""
@@ -348,7 +348,7 @@ def memory():
     }
     for name, move in motions.items():
         counts = []
-        for _ in range(3):
+        for _ in range(ROUNDS):
             yield from rest()
             made.clear()
             for kind, value in kinds.items():
