@@ -295,11 +295,13 @@ def two_windows():
     """A second window, which shows another scene through a glass of its own."""
     (area,) = areas()
     views, manager = module(), bpy.context.window_manager
+    first = manager.windows[0].scene
     with override(area):
         bpy.ops.scene.new(type="FULL_COPY")
-        other = bpy.context.scene
-        manager.windows[0].scene = bpy.data.scenes[0]
-        bpy.ops.wm.window_new()
+        other = manager.windows[0].scene
+        manager.windows[0].scene = first
+        # A main window: one that is another's child shows that one's scene.
+        bpy.ops.wm.window_new_main()
     second = manager.windows[-1]
     second.scene = other
     moved = next(o for o in other.objects if o.name.startswith("Glass"))
@@ -308,11 +310,12 @@ def two_windows():
     found = [a for a in second.screen.areas if a.type == "VIEW_3D"]
     for one in found:
         region = next(r for r in one.regions if r.type == "WINDOW")
+        one.spaces.active.region_3d.view_perspective = "CAMERA"
         with bpy.context.temp_override(window=second, area=one, region=region):
             manager.refractive_glass_overlay = True
     yield from rest()
-    seen = {v.model.key[0]: v.final for v in views._views.values()}
-    result["scenes"] = [len(found), seen.get(other.session_uid), len(seen)]
+    seen = {v.model.key[0]: v.final and v.painter.pixels > 0 for v in views._views.values()}
+    result["scenes"] = [len(found), seen.get(first.session_uid), seen.get(other.session_uid)]
     subprocess.run(["import", "-window", "root", FOLDER / "viewport_windows.png"], check=True)
     with bpy.context.temp_override(window=second):
         bpy.ops.wm.window_close()
