@@ -123,16 +123,14 @@ def test_two_windows_show_two_scenes(found):
     assert found["scenes"] == [1, True, True]
 
 
-@pytest.mark.parametrize("motion", ["still", "eye", "object"])
-def test_redraws_leave_nothing_behind(found, motion):
-    """Sixty redraws, four times: no more is made each time, and nothing is kept of it."""
-    made, drawn, blocks = np.array(found["memory"][motion]).T
-    assert (drawn >= 60).all()
-    # At rest the direct picture is read, its colours and its depths.
-    assert made[-1] <= (2 if motion == "still" else 12) * drawn[-1]
-    assert made[-1] <= made[1]
-    # What is kept of each redraw grows in every round; Blender's own comes and goes.
-    assert np.diff(blocks).min() < 60
+@pytest.mark.parametrize(("motion", "most"), [("still", 2), ("eye", 8), ("object", 8)])
+def test_redraws_leave_nothing_behind(found, motion, most):
+    """A still redraw reads colours and depths; what moves, is described and captured anew too."""
+    drawn, made, held = found["memory"][motion]
+    assert drawn >= 20
+    assert 0 < made <= most * drawn
+    # The last ones are what is shown.
+    assert held <= 8
 
 
 def test_files_hold_the_glass_whole(found):

@@ -23,7 +23,7 @@ FOLDER, SCENE = Path(sys.argv[-2]), Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 FRAMES = (1, 10, 20)
 REST_SECONDS = 300
-REDRAWS, ROUNDS = 60, 4
+REDRAWS = 20
 """Of each kind of motion; an even number leaves everything where it was."""
 STEP = (0.002, -0.002)
 """Metres by which eye or eraser move from redraw to redraw."""
@@ -325,10 +325,7 @@ def two_windows():
 
 
 def memory():
-    """What is made for a redraw, and what is left of it: by kind of motion.
-
-    GPU objects have Python objects, whose blocks of memory tell whether any is kept.
-    """
+    """GPU objects that redraws make, and how many of them are still held at rest, by motion."""
     (area,) = areas()
     scene, views = bpy.context.scene, module()
     made = []
@@ -336,39 +333,37 @@ def memory():
 
     def counted(kind):
         def make(*arguments, **named):
-            made.append(kind)
-            return kind(*arguments, **named)
+            made.append(kind(*arguments, **named))
+            return made[-1]
 
         return make
 
-    eraser = bpy.data.objects["Eraser"]
-    motions = {
-        "still": lambda k: None,
-        "eye": lambda k: setattr(scene.camera.location, "x", scene.camera.location.x + STEP[k % 2]),
-        "object": lambda k: setattr(
-            eraser.delta_location, "x", eraser.delta_location.x + STEP[k % 2]
-        ),
-    }
-    for name, move in motions.items():
-        counts = []
-        for _ in range(ROUNDS):
-            yield from rest()
-            made.clear()
-            for kind, value in kinds.items():
-                setattr(gpu.types, kind, counted(value))
-            draws = views.counters["draws"]
-            for k in range(REDRAWS):
-                move(k)
-                with override(area):
-                    area.tag_redraw()
-                    bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
-            for kind, value in kinds.items():
-                setattr(gpu.types, kind, value)
-            drawn = views.counters["draws"] - draws
-            yield from rest()
-            gc.collect()
-            counts.append([len(made), drawn, sys.getallocatedblocks()])
-        result.setdefault("memory", {})[name] = counts
+    def references(things):
+        return [sys.getrefcount(thing) for thing in things]
+
+    (own,) = references([object()])
+    camera, eraser = scene.camera, bpy.data.objects["Eraser"]
+    motions = {"still": None, "eye": (camera, "location"), "object": (eraser, "delta_location")}
+    for name, moved in motions.items():
+        yield from rest()
+        made.clear()
+        for kind, value in kinds.items():
+            setattr(gpu.types, kind, counted(value))
+        draws = views.counters["draws"]
+        for k in range(REDRAWS):
+            if moved is not None:
+                getattr(*moved).x += STEP[k % 2]
+            with override(area):
+                area.tag_redraw()
+                bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+        drawn = views.counters["draws"] - draws
+        for kind, value in kinds.items():
+            setattr(gpu.types, kind, value)
+        yield from rest()
+        gc.collect()
+        held = sum(count > own for count in references(made))
+        result.setdefault("memory", {})[name] = [drawn, len(made), held]
+    made.clear()
 
 
 def saved_file():
