@@ -68,8 +68,9 @@ def test_the_erasers_outline_is_that_of_f12(found, rendered, kind, frame):
     expected, sure = (outline(picture, verge=v) * scale + (x0, y0) for v in (True, False))
     assert len(sure) > 100
     assert farthest(sure, outline(seen)) < 2.0
-    # A pixel of a mixed colour counts as the eraser's or not by where its few samples lie.
-    assert farthest(outline(seen, verge=False), expected) < 2.5
+    # EEVEE's pixels are mixed over 1.5 pixels to each side of an edge, Workbench's over one: the
+    # colours that are looked up there count as the eraser's or not by little.
+    assert farthest(outline(seen, verge=False), expected) < {"SOLID": 2.0, "MATERIAL": 2.5}[kind]
 
 
 @pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
@@ -119,24 +120,17 @@ def test_quad_view(found):
 
 
 def test_two_windows_show_two_scenes(found):
-    areas, is_final, scenes = found["scenes"]
-    assert areas == 1
-    assert is_final
-    assert scenes == 2
+    assert found["scenes"] == [1, True, True]
 
 
-@pytest.mark.parametrize("motion", ["still", "eye", "object"])
-def test_redraws_leave_nothing_behind(found, motion):
-    """Forty redraws, three times: as much is made each time, and nothing is kept of it."""
-    first, second, third = found["memory"][motion]
-    assert first[1] >= 40
-    if motion == "still":
-        # What is there is shown again.
-        assert second[0] == third[0] == 0
-    else:
-        assert 0 < third[0] <= 12 * third[1]
-    # One block more a redraw would be 40.
-    assert third[2] - second[2] < 40
+@pytest.mark.parametrize(("motion", "most"), [("still", 2), ("eye", 8), ("object", 8)])
+def test_redraws_leave_nothing_behind(found, motion, most):
+    """A still redraw reads colours and depths; what moves, is described and captured anew too."""
+    drawn, made, held = found["memory"][motion]
+    assert drawn >= 20
+    assert 0 < made <= most * drawn
+    # The last ones are what is shown.
+    assert held <= 8
 
 
 def test_files_hold_the_glass_whole(found):

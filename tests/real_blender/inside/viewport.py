@@ -23,7 +23,7 @@ FOLDER, SCENE = Path(sys.argv[-2]), Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 FRAMES = (1, 10, 20)
 REST_SECONDS = 300
-REDRAWS = 40
+REDRAWS = 20
 """Of each kind of motion; an even number leaves everything where it was."""
 STEP = (0.002, -0.002)
 """Metres by which eye or eraser move from redraw to redraw."""
@@ -295,11 +295,13 @@ def two_windows():
     """A second window, which shows another scene through a glass of its own."""
     (area,) = areas()
     views, manager = module(), bpy.context.window_manager
+    first = manager.windows[0].scene
     with override(area):
         bpy.ops.scene.new(type="FULL_COPY")
-        other = bpy.context.scene
-        manager.windows[0].scene = bpy.data.scenes[0]
-        bpy.ops.wm.window_new()
+        other = manager.windows[0].scene
+        manager.windows[0].scene = first
+        # A main window: one that is another's child shows that one's scene.
+        bpy.ops.wm.window_new_main()
     second = manager.windows[-1]
     second.scene = other
     moved = next(o for o in other.objects if o.name.startswith("Glass"))
@@ -308,11 +310,12 @@ def two_windows():
     found = [a for a in second.screen.areas if a.type == "VIEW_3D"]
     for one in found:
         region = next(r for r in one.regions if r.type == "WINDOW")
+        one.spaces.active.region_3d.view_perspective = "CAMERA"
         with bpy.context.temp_override(window=second, area=one, region=region):
             manager.refractive_glass_overlay = True
     yield from rest()
-    seen = {v.model.key[0]: v.final for v in views._views.values()}
-    result["scenes"] = [len(found), seen.get(other.session_uid), len(seen)]
+    seen = {v.model.key[0]: v.final and v.painter.pixels > 0 for v in views._views.values()}
+    result["scenes"] = [len(found), seen.get(first.session_uid), seen.get(other.session_uid)]
     subprocess.run(["import", "-window", "root", FOLDER / "viewport_windows.png"], check=True)
     with bpy.context.temp_override(window=second):
         bpy.ops.wm.window_close()
@@ -322,10 +325,7 @@ def two_windows():
 
 
 def memory():
-    """What is made for a redraw, and what is left of it: by kind of motion.
-
-    GPU objects have Python objects, whose blocks of memory tell whether any is kept.
-    """
+    """GPU objects that redraws make, and how many of them are still held at rest, by motion."""
     (area,) = areas()
     scene, views = bpy.context.scene, module()
     made = []
@@ -333,39 +333,37 @@ def memory():
 
     def counted(kind):
         def make(*arguments, **named):
-            made.append(kind)
-            return kind(*arguments, **named)
+            made.append(kind(*arguments, **named))
+            return made[-1]
 
         return make
 
-    eraser = bpy.data.objects["Eraser"]
-    motions = {
-        "still": lambda k: None,
-        "eye": lambda k: setattr(scene.camera.location, "x", scene.camera.location.x + STEP[k % 2]),
-        "object": lambda k: setattr(
-            eraser.delta_location, "x", eraser.delta_location.x + STEP[k % 2]
-        ),
-    }
-    for name, move in motions.items():
-        counts = []
-        for _ in range(3):
-            yield from rest()
-            made.clear()
-            for kind, value in kinds.items():
-                setattr(gpu.types, kind, counted(value))
-            draws = views.counters["draws"]
-            for k in range(REDRAWS):
-                move(k)
-                with override(area):
-                    area.tag_redraw()
-                    bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
-            for kind, value in kinds.items():
-                setattr(gpu.types, kind, value)
-            drawn = views.counters["draws"] - draws
-            yield from rest()
-            gc.collect()
-            counts.append([len(made), drawn, sys.getallocatedblocks()])
-        result.setdefault("memory", {})[name] = counts
+    def references(things):
+        return [sys.getrefcount(thing) for thing in things]
+
+    (own,) = references([object()])
+    camera, eraser = scene.camera, bpy.data.objects["Eraser"]
+    motions = {"still": None, "eye": (camera, "location"), "object": (eraser, "delta_location")}
+    for name, moved in motions.items():
+        yield from rest()
+        made.clear()
+        for kind, value in kinds.items():
+            setattr(gpu.types, kind, counted(value))
+        draws = views.counters["draws"]
+        for k in range(REDRAWS):
+            if moved is not None:
+                getattr(*moved).x += STEP[k % 2]
+            with override(area):
+                area.tag_redraw()
+                bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+        drawn = views.counters["draws"] - draws
+        for kind, value in kinds.items():
+            setattr(gpu.types, kind, value)
+        yield from rest()
+        gc.collect()
+        held = sum(count > own for count in references(made))
+        result.setdefault("memory", {})[name] = [drawn, len(made), held]
+    made.clear()
 
 
 def saved_file():
