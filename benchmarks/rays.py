@@ -154,7 +154,7 @@ def _meshes(settings: Settings) -> Iterator[dict]:
         return {"rays": count, "ways": ways, "seconds": spread(taken)}
 
     yield {"triangles": 0, "built": 0.0, **timed(placed(SHAPES["ball"]))}
-    for triangles in settings.pick(TRIANGLES[:1], TRIANGLES[:2], TRIANGLES):
+    for triangles in settings.pick(TRIANGLES[:1], TRIANGLES, TRIANGLES):
         mesh = _ball(triangles)
         glass = Glass("Ball", mesh, np.eye(4), CLEAR_MEDIA)
 
