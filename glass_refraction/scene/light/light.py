@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shadows and caustics: what glasses change in the light that lamps give to all that views show.
+
+The user's engine lights everything as though there were no glass. In each pixel of each view the
+light is known that would come straight and does not, and the light that comes by glasses. Their
+difference, times the part that a surface sends back, is added to the view's picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..progress import check, tell
+from ..rays.caster import Caster, cast_past
+from ..rays.follow import CONTACT, Follower, Kept
+from ..rays.hits import Scene, Views
+from ..rays.views import RadianceView
+from ..read.viewpoint import Viewpoint
+from .density import BESIDE, Seen, density
+from .emitters import Emitter
+from .landed import Landed, follow_light, grids
+from .taken import taken_light
+
+FARTHER = 1.1
+"""Of the way across all things: from where a sun's rays begin."""
+TWO_SIDES = 2.0
+"""Of `skin`: how far off a surface shadows are looked for from it."""
+
+
+@dataclass(frozen=True)
+class LightSettings:
+    """How light through glasses is computed.
+
+    Attributes
+    ----------
+    emitters : the lamps. rays : of each, about. softness : of its bells.
+    """
+
+    emitters: tuple[Emitter, ...]
+    rays: int
+    softness: float
+
+
+@dataclass
+class KeptLight:
+    """What earlier frames followed, by lamp and view of it."""
+
+    lamps: dict[str, dict[int, Kept]] = field(default_factory=dict)
+
+
+class _PastLamps:
+    """A caster that lamps do not stand in the way of: their own light comes through them."""
+
+    def __init__(self, caster: Caster, is_lamp: np.ndarray, skin: float) -> None:
+        self._caster, self._counts, self._skin = caster, ~is_lamp, skin
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `Caster.cast`."""
+        return cast_past(self._caster, self._counts, self._skin, origins, directions)
+
+
+def light_maps(
+    settings: LightSettings,
+    scene: Scene,
+    views: Views,
+    follower: Follower,
+    boxes: list[np.ndarray],
+    sigma_px: float,
+    kept: KeptLight,
+) -> tuple[np.ndarray | None, ...]:
+    """What is added to the radiance of white matte surfaces in each view's picture.
+
+    Parameters
+    ----------
+    follower : the picture's, for its glasses. boxes : corners (8, 3) of each glass's box.
+    sigma_px : standard deviation of the pixel filter.
+
+    Returns
+    -------
+    (height, width, 3) for each view, None for one that is None or of the sky.
+    """
+    corners = np.concatenate(boxes)
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    reach = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    skin = CONTACT * reach
+    things = scene.things
+    is_lamp = np.array([look.is_lamp for look in things.looks], bool)[things.surface]
+    caster = _PastLamps(scene.caster, is_lamp, skin)
+    back = FARTHER * _farthest(things.points, middle) + reach
+
+    def follower_of(view: Viewpoint, known: Kept) -> Follower:
+        found = replace(follower, view=view, caster=caster, kept=known, through=None)
+        glasses = follower.kept.stamp[1:]
+        known.match((view.stamp(), *glasses))
+        return found
+
+    found, shown = {}, {}
+    for number, view in enumerate(views):
+        if view is not None and not view.sky_only:
+            shown[number] = _seen(view, scene, caster, middle)
+            found[number] = np.zeros(shown[number].points.shape)
+    for emitter in settings.emitters:
+        tell(f'following the light of "{emitter.name}"')
+        grid = grids(emitter, boxes, settings.rays, back)
+        known = kept.lamps.setdefault(emitter.name, {})
+        landed = follow_light(
+            emitter, grid, scene, follower_of, known, settings.softness, reach
+        )
+        one = follower_of(grid.views[0][0], Kept())
+        for number, seen in shown.items():
+            light = density(landed, seen, sigma_px)
+            some = np.flatnonzero(seen.is_surface.ravel())
+            places = seen.points.reshape(-1, 3)[some] + middle
+            normals = seen.normals.reshape(-1, 3)[some]
+            taken = taken_light(emitter, grid, one, places, normals, TWO_SIDES * skin)
+            light.reshape(-1, 3)[some] -= taken[:, None]
+            found[number] += light * (emitter.power / np.pi)
+    return tuple(found.get(number) for number in range(len(views)))
+
+
+def _farthest(points: np.ndarray, middle: np.ndarray) -> float:
+    """Metres from the middle to the farthest corner of a box round all points."""
+    if not len(points):
+        return 0.0
+    box = np.array((points.min(axis=0), points.max(axis=0))) - middle
+    return float(np.linalg.norm(np.abs(box).max(axis=0)))
+
+
+def _seen(view: RadianceView, scene: Scene, caster: _PastLamps, middle: np.ndarray) -> Seen:
+    """What the middles of a picture's pixels show."""
+    check()
+    x0, y0, x1, y1 = view.picture
+    width, height = x1 - x0, y1 - y0
+    y, x = np.divmod(np.arange(width * height), width)
+    origins, directions = view.rays(np.stack((x + x0 + 0.5, y + y0 + 0.5), axis=1))
+    way, triangle = caster.cast(origins, directions)
+    met = np.flatnonzero(triangle >= 0)
+    points = np.full((len(way), 3), BESIDE, np.float32)
+    points[met] = origins[met] + way[met, None] * directions[met] - middle
+    normals = np.zeros((len(way), 3), np.float32)
+    normal = scene.normals[triangle[met]]
+    side = np.sign(np.einsum("nk,nk->n", normal, directions[met]))
+    normals[met] = -side[:, None] * normal
+    shape = (height, width, 3)
+    return Seen(view, middle, points.reshape(shape), normals.reshape(shape))
