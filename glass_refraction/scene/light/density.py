@@ -21,6 +21,10 @@ LONG = 2.5
 """Bells longer than this, over their width, are taken as rows of shorter ones."""
 STEP = 1.5
 """Widths between the bells of such a row."""
+FAINT = 0.02
+"""Of a lamp's irradiance: light no stronger is spread as round as needs no rows."""
+LEAST = 1e-9
+"""Relative: what differs less is equal."""
 MOST_IN_ROW = 32
 PAIRS = 400_000
 """Of a bell and a pixel, that are looked at together."""
@@ -49,11 +53,6 @@ class Seen:
     points: np.ndarray
     normals: np.ndarray
 
-    @property
-    def is_surface(self) -> np.ndarray:
-        """(height, width) which pixels show any."""
-        return self.normals.any(axis=-1)
-
 
 def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
     """Irradiance (height, width, 3) of landed light on what each pixel shows.
@@ -63,6 +62,7 @@ def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
     sigma_px : standard deviation of the pixel filter.
     """
     bells = _seen_bells(landed, seen, sigma_px)
+    print("LANDED",len(landed.point),"BELLS",len(bells.reach),"sum pairs %.1fM"%(((2*bells.reach+1)**2).sum()*1e-6),"levels",np.bincount(bells.level),"reach",np.bincount(bells.reach))
     levels = 1 + int(bells.level.max(initial=0))
     points, normals = [seen.points], [seen.normals]
     for _ in range(levels - 1):
@@ -136,42 +136,44 @@ def _seen_bells(landed: Landed, seen: Seen, sigma_px: float) -> _Bells:
     landed, pixel, matrix = landed.take(some), pixel[some], matrix[some]
     basis = [part[some] for part in basis]
     long, short, angle = long[some], short[some], angle[some]
-    # Long ones as rows.
-    count = np.where(long > LONG * short, np.ceil(4.0 * long / (STEP * short)), 1.0)
+    # Long ones as rows, or where it does not matter as wider ones.
+    slender = LONG * np.maximum(1.0, landed.strength / FAINT)
+    short = np.maximum(short, long / slender)
+    count = np.where(long > LONG * short * (1.0 + LEAST), np.ceil(4.0 * long / (STEP * short)), 1.0)
     count = np.minimum(count, MOST_IN_ROW).astype(np.intp)
     row = np.repeat(np.arange(len(count)), count)
-    step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    rank = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
     many = count > 1
     own = np.where(many, np.maximum(short, 4.0 * long / (STEP * MOST_IN_ROW)), long)
     rest = np.sqrt(np.maximum(long**2 - own**2, 0.0))
-    offset = (2.0 * (step + 0.5) / count[row] - 1.0) * 2.0 * many[row]
+    offset = (2.0 * (rank + 0.5) / count[row] - 1.0) * 2.0 * many[row]
     weight = np.exp(-0.5 * offset**2)
     weight /= np.bincount(row, weight, len(count))[row]
     axis = np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    back = np.linalg.inv(matrix)
-    moved = offset[:, None] * (rest[:, None] * axis)[row]
-    world = np.einsum("nij,nj->ni", back[row], moved)
-    place = (landed.point - seen.middle)[row]
-    place = place + sum(world[:, k : k + 1] * basis[k][row] for k in (0, 1))
+    (xx, xy), (yx, yy) = matrix.transpose(1, 2, 0)
+    area = xx * yy - xy * yx
+    step_px = rest[:, None] * axis
+    along = (yy * step_px[:, 0] - xy * step_px[:, 1]) / area
+    aside = (xx * step_px[:, 1] - yx * step_px[:, 0]) / area
+    step = along[:, None] * basis[0] + aside[:, None] * basis[1]
+    place = (landed.point - seen.middle)[row] + offset[:, None] * step[row]
     # A vector in the surface, in standard deviations along and across.
     plane = np.empty((len(count), 3, 3))
-    tangents = np.stack(basis, axis=1)
-    for number, (vector, width) in enumerate(
-        ((axis, own), (np.stack((-axis[:, 1], axis[:, 0]), axis=1), short))
-    ):
-        inner = np.einsum("ni,nij->nj", vector / width[:, None], matrix)
-        plane[:, number] = np.einsum("nj,njk->nk", inner, tangents)
+    cosine, sine = axis.T
+    for number, (x, y) in enumerate(((cosine / own, sine / own), (-sine / short, cosine / short))):
+        first, second = x * xx + y * yx, x * xy + y * yy
+        plane[:, number] = first[:, None] * basis[0] + second[:, None] * basis[1]
     # How long the bell is in the surface, on its longer side.
     steepness = np.sqrt((plane[:, :2] ** 2).sum(axis=(1, 2)))
     plane[:, 2] = landed.normal * (steepness / DEEP)[:, None]
-    area = np.abs(np.linalg.det(matrix)) / (2.0 * np.pi * own * short * CUT)
+    middle = np.abs(area) / (2.0 * np.pi * own * short * CUT)
     level = np.floor(np.log2(np.maximum(np.minimum(own, short) / FINEST_PX, 1.0)))
     reach = REACH * np.maximum(own, short) / 2.0**level
     return _Bells(
-        (pixel[row] + moved).astype(np.float32),
+        (pixel[row] + offset[:, None] * step_px[row]).astype(np.float32),
         place.astype(np.float32),
         plane[row].astype(np.float32),
-        (landed.flux * area[:, None])[row] * weight[:, None],
+        (landed.flux * middle[:, None])[row] * weight[:, None],
         np.ceil(reach[row]).astype(np.intp),
         level[row].astype(np.intp),
     )

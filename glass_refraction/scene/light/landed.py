@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..progress import check
-from ..rays.exits import Neighbours, centre_rays, grid, neighbours, together
+from ..rays.caster import Caster
+from ..rays.exits import Neighbours, PictureRays, centre_rays, grid, neighbours, together
 from ..rays.follow import Follower, Kept
 from ..rays.hits import Scene, Ways
 from ..read.viewpoint import Viewpoint
@@ -30,6 +31,8 @@ MARGIN_PX = 2
 """Pixels round the glasses' outlines."""
 MOST_SPREAD = 0.5
 """Of the glasses' size: what a cell's light spreads at most."""
+STRAIGHT = 0
+"""The path of a way that meets no glass."""
 LEAST_SINE = 1e-3
 """Of rays to a surface, below which they are taken not to meet it."""
 
@@ -45,8 +48,9 @@ class Landed:
     Attributes
     ----------
     point, normal : (K, 3) world; the unit normal is on the side that the light comes from.
-    flux : (K, 3) W by colour, over the lamp's power.
+    flux : (K, 3) W by colour, over the lamp's power; below 0 where it is taken away.
     major, minor : (K, 3) axes of the bell in the surface, one standard deviation long, metres.
+    strength : (K,) its light where it lands over the lamp's among the glasses, about.
     """
 
     point: np.ndarray
@@ -54,6 +58,7 @@ class Landed:
     flux: np.ndarray
     major: np.ndarray
     minor: np.ndarray
+    strength: np.ndarray
 
     def take(self, which: np.ndarray) -> Landed:
         """Some of them, by their numbers."""
@@ -69,8 +74,7 @@ class Grids:
     size : (width, height) of each. side : places along either side of the lattice.
     eyes : of each place, one or the faces of a cube. views : the same with their pixels.
     pixels : of each of these, numbers, rising.
-    shifts : (S, 2) of each place, in pixels. places : (S, 3), see `Emitter.places`.
-    centre : (3,) the middle of the glasses.
+    shifts : (S, 2) of each place, in pixels.
     """
 
     size: tuple[int, int]
@@ -79,23 +83,6 @@ class Grids:
     views: list[list[Viewpoint]]
     pixels: list[list[np.ndarray]]
     shifts: np.ndarray
-    places: np.ndarray
-    centre: np.ndarray
-
-    def seen(self, place: int, points: np.ndarray) -> np.ndarray:
-        """(N,) which points lie in a place's pixels that see a glass, before or behind it."""
-        width, height = self.size
-        found = np.zeros(len(points), bool)
-        for view, pixels in zip(self.views[place], self.pixels[place], strict=True):
-            wanted = np.zeros(width * height + 1, bool)
-            wanted[pixels] = True
-            clip = view.clip(points)
-            ahead = clip[:, 2] > 0.0
-            xy = clip[:, :2] / np.where(ahead, clip[:, 2], 1.0)[:, None]
-            inside = ahead & ((xy >= 0.0) & (xy < 1.0)).all(axis=1)
-            x, y = (np.where(inside, xy[:, k] * self.size[k], 0.0).astype(int) for k in (0, 1))
-            found |= inside & wanted[y * width + x]
-        return found
 
 
 def grids(
@@ -129,7 +116,7 @@ def grids(
         views.append([eye.seeing(size, shifts[number]) for eye in faces])
         rects = [[pixel_rect(view, box) for box in boxes] for view in views[-1]]
         pixels.append([grid(rect, size) for rect in rects])
-    return Grids(size, side, eyes, views, pixels, shifts, places, centre)
+    return Grids(size, side, eyes, views, pixels, shifts)
 
 
 def pixel_rect(view: Viewpoint, corners: np.ndarray) -> tuple[int, int, int, int]:
@@ -154,7 +141,7 @@ def follow_light(
     softness: float,
     reach: float,
 ) -> Landed:
-    """Where a lamp's light lands behind, before and within glasses.
+    """Where a lamp's light lands by glasses, and where it would without: that is taken away.
 
     Parameters
     ----------
@@ -170,9 +157,9 @@ def follow_light(
             known = kept.setdefault(place * faces + face, Kept())
             follower = follower_of(view, known)
             rays = centre_rays(grids.pixels[place][face], follower)
-            parts.append(rays)
             v, u = np.divmod(rays.pixel, width)
-            directions = np.array(view.rays(u + 0.5, v + 0.5)[1])
+            origins, directions = map(np.array, view.rays(u + 0.5, v + 0.5))
+            parts.append(_with_straight(rays, origins, directions, follower.caster))
             eye = grids.eyes[place][face]
             share = eye.share(grids.size, directions) / len(grids.views)
             shares.append(share * emitter.sent(directions))
@@ -193,7 +180,8 @@ def follow_light(
         neighbours(replace(rays, pixel=np.concatenate(pixel)), size)
         for pixel, size in zip((by_pixel, by_place), sizes, strict=True)
     ]
-    ways, flux = rays.ways, np.concatenate(shares)[rays.ways.ray]
+    ways = rays.ways
+    flux = np.concatenate(shares)[ways.ray]
     check()
     on = np.flatnonzero(~ways.is_sky & (flux > 0.0))
     number = number[ways.ray]
@@ -203,8 +191,32 @@ def follow_light(
     moved = [ground.moved(sides[0], axis, plain[axis]) for axis in (0, 1)]
     moved += [ground.moved(sides[1], axis, np.zeros_like(ground.point), moved) for axis in (0, 1)]
     major, minor = _axes([CELL * softness * move for move in moved], ground.normal)
+    sides = np.linalg.norm(np.array(cells), axis=2)
+    spread = np.sqrt((major**2).sum(axis=1) * (minor**2).sum(axis=1)) / (CELL * softness) ** 2
+    strength = np.abs(ways.weight[on]) * sides.prod(axis=1)[number[on]]
+    strength /= np.maximum(spread, LEAST_LENGTH)
     colour = flux[on, None] * ways.colour[on]
-    return Landed(ground.point, ground.normal, colour, major, minor)
+    return Landed(ground.point, ground.normal, colour, major, minor, strength)
+
+
+def _with_straight(rays: PictureRays, origins, directions, caster: Caster) -> PictureRays:
+    """The rays with one more way each that meets a glass: straight on, and its light taken out."""
+    ray = np.unique(rays.ways.ray)
+    distance, triangle = caster.cast(origins[ray], directions[ray])
+    none = np.zeros(len(ray), np.intp)
+    straight = Ways(
+        ray,
+        none + STRAIGHT,
+        -np.ones(len(ray)),
+        -np.ones((len(ray), 3)),
+        origins[ray],
+        directions[ray],
+        distance,
+        triangle,
+        none,
+        none > 0,
+    )
+    return replace(rays, ways=Ways.joined([rays.ways, straight]))
 
 
 class _Ground:

@@ -22,12 +22,9 @@ from ..read.viewpoint import Viewpoint
 from .density import BESIDE, Seen, density
 from .emitters import Emitter
 from .landed import Landed, follow_light, grids
-from .taken import taken_light
 
 FARTHER = 1.1
 """Of the way across all things: from where a sun's rays begin."""
-TWO_SIDES = 2.0
-"""Of `skin`: how far off a surface shadows are looked for from it."""
 
 
 @dataclass(frozen=True)
@@ -109,15 +106,8 @@ def light_maps(
         landed = follow_light(
             emitter, grid, scene, follower_of, known, settings.softness, reach
         )
-        one = follower_of(grid.views[0][0], Kept())
         for number, seen in shown.items():
-            light = density(landed, seen, sigma_px)
-            some = np.flatnonzero(seen.is_surface.ravel())
-            places = seen.points.reshape(-1, 3)[some] + middle
-            normals = seen.normals.reshape(-1, 3)[some]
-            taken = taken_light(emitter, grid, one, places, normals, TWO_SIDES * skin)
-            light.reshape(-1, 3)[some] -= taken[:, None]
-            found[number] += light * (emitter.power / np.pi)
+            found[number] += density(landed, seen, sigma_px) * (emitter.power / np.pi)
     return tuple(found.get(number) for number in range(len(views)))
 
 
