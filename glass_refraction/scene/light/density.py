@@ -62,7 +62,6 @@ def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
     sigma_px : standard deviation of the pixel filter.
     """
     bells = _seen_bells(landed, seen, sigma_px)
-    print("LANDED",len(landed.point),"BELLS",len(bells.reach),"sum pairs %.1fM"%(((2*bells.reach+1)**2).sum()*1e-6),"levels",np.bincount(bells.level),"reach",np.bincount(bells.reach))
     levels = 1 + int(bells.level.max(initial=0))
     points, normals = [seen.points], [seen.normals]
     for _ in range(levels - 1):

@@ -22,7 +22,7 @@ LARGE = 0.03
 CELL = 0.5
 """Standard deviation of the bell that stands for a cell, in cells: bells side by side are smooth to
 1.5 %, and sharper ones are not."""
-NEAR_COSINE = 0.35
+NEAR_COSINE = 0.25
 """A lamp that sees a glass farther aside than this from its axis looks all round itself."""
 SHARPEST = 1e-4
 """Least width of a spot's border, by cosines, as the engines have it."""

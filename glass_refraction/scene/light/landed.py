@@ -102,7 +102,9 @@ def grids(
     shifts = (np.arange(len(places))[:, None] * np.array(STEPS)) % 1.0 - 0.5
     eyes = emitter.eyes(places, corners, centre, back)
     wide, high = np.ptp(eyes[0][0].frame, axis=0)
-    each = rays / (len(places) * len(eyes[0]))
+    # Of the faces of a cube some see no glass.
+    used = sum(any(sees(eye, box) for box in boxes) for eye in eyes[0])
+    each = rays / (len(places) * max(used, 1))
     width = max(MARGIN_PX, int(np.sqrt(each * wide / high)))
     height = max(MARGIN_PX, int(each / width))
     # The margin that neighbours and shifts need lies round what the corners take.
@@ -117,6 +119,12 @@ def grids(
         rects = [[pixel_rect(view, box) for box in boxes] for view in views[-1]]
         pixels.append([grid(rect, size) for rect in rects])
     return Grids(size, side, eyes, views, pixels, shifts)
+
+
+def sees(eye: Eye, corners: np.ndarray) -> bool:
+    """Whether a box with these corners may be in an eye's frame."""
+    x0, y0, x1, y1 = pixel_rect(eye.seeing((1, 1), np.zeros(2)), corners)
+    return x1 > x0 and y1 > y0
 
 
 def pixel_rect(view: Viewpoint, corners: np.ndarray) -> tuple[int, int, int, int]:
