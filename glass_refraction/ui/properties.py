@@ -13,9 +13,9 @@ def _changed(_settings, context: bpy.types.Context) -> None:
 
 
 _QUALITIES = {
-    "DRAFT": {"captures": 1, "min_weight": 0.03, "tolerance_px": 1.0},
-    "GOOD": {"captures": 3, "min_weight": 0.01, "tolerance_px": 0.25},
-    "FINAL": {"captures": 3, "min_weight": 0.003, "tolerance_px": 0.1},
+    "DRAFT": {"captures": 1, "min_weight": 0.03, "tolerance_px": 1.0, "light_rays": 30_000},
+    "GOOD": {"captures": 3, "min_weight": 0.01, "tolerance_px": 0.25, "light_rays": 80_000},
+    "FINAL": {"captures": 3, "min_weight": 0.003, "tolerance_px": 0.1, "light_rays": 400_000},
 }
 """The settings that a quality stands for."""
 _OWN = "CUSTOM"
@@ -92,7 +92,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     light_rays: bpy.props.IntProperty(
         name="Light Rays",
         description="How many rays of each lamp are followed through the glasses, about",
-        default=100_000,
+        default=80_000,
         min=1000,
         soft_max=1_000_000,
         update=_changed,

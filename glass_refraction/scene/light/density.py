@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..progress import check
+from ..rays.curtain import BLOCK_PX
 from ..rays.views import RadianceView
 from .landed import Landed, ellipse
 
@@ -44,11 +45,13 @@ class Seen:
 
     Attributes
     ----------
-    view : which. points, normals : (height, width, 3) float32, from the middle of what is looked
-        at, metres, and unit towards the view.
+    view : which. used : squares of it that are looked up, see `curtain.looked_up`; None: all.
+    points, normals : (height, width, 3) float32, from the middle of what is looked at, metres, and
+        unit towards the view.
     """
 
     view: RadianceView
+    used: np.ndarray | None
     middle: np.ndarray
     points: np.ndarray
     normals: np.ndarray
@@ -132,6 +135,8 @@ def _seen_bells(landed: Landed, seen: Seen, sigma_px: float) -> _Bells:
     for axis, last in enumerate((x1 - x0, y1 - y0)):
         inside &= (pixel[:, axis] > -REACH * long) & (pixel[:, axis] < last + REACH * long)
     some = np.flatnonzero(inside)
+    if seen.used is not None:
+        some = some[_reaches(seen.used, pixel[some] + (x0, y0), REACH * long[some])]
     landed, pixel, matrix = landed.take(some), pixel[some], matrix[some]
     basis = [part[some] for part in basis]
     long, short, angle = long[some], short[some], angle[some]
@@ -178,6 +183,18 @@ def _seen_bells(landed: Landed, seen: Seen, sigma_px: float) -> _Bells:
     )
 
 
+def _reaches(used: np.ndarray, pixel: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(K,) which places (K, 2) of a frame are no farther from squares that are used than this."""
+    sums = np.zeros((used.shape[0] + 1, used.shape[1] + 1), np.intp)
+    sums[1:, 1:] = used.cumsum(axis=0).cumsum(axis=1)
+    sides = [
+        np.clip(np.floor((pixel + sign * reach[:, None]) / BLOCK_PX) + last, 0, used.shape[::-1])
+        for sign, last in ((-1.0, 0), (1.0, 1))
+    ]
+    (x0, y0), (x1, y1) = (side.T.astype(np.intp) for side in sides)
+    return sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0] > 0
+
+
 def _basis(landed: Landed) -> list[np.ndarray]:
     """Two unit vectors (K, 3) in each surface, along its bell's axes where it has any."""
     length = np.sqrt((landed.major**2).sum(axis=1))
@@ -192,15 +209,15 @@ def _basis(landed: Landed) -> list[np.ndarray]:
 def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
     """Irradiance (height, width, 3) of bells on places (height, width, 3)."""
     height, width = points.shape[:2]
-    border = int(bells.reach.max(initial=0)) + 1
+    border = 2 * int(bells.reach.max(initial=0))
     padded = np.full((3, height + 2 * border, width + 2 * border), BESIDE, np.float32)
     padded[:, border : border + height, border : border + width] = np.moveaxis(points, -1, 0)
     wide = padded.shape[2]
     padded = padded.reshape(3, -1)
     total = np.zeros((3, padded.shape[1]))
     nearest = np.rint((bells.pixel - 0.5) / 2.0**level).astype(np.intp)
-    near = (nearest >= -border + bells.reach[:, None]).all(axis=1)
-    near &= (nearest < np.array((width, height)) + border - bells.reach[:, None]).all(axis=1)
+    near = (nearest >= -bells.reach[:, None]).all(axis=1)
+    near &= (nearest < np.array((width, height)) + bells.reach[:, None]).all(axis=1)
     grey = np.ptp(bells.light, axis=1).max(initial=0.0) <= 0.0
     for reach in np.unique(bells.reach):
         some = np.flatnonzero(near & (bells.reach == reach))

@@ -31,6 +31,9 @@ MARGIN_PX = 2
 """Pixels round the glasses' outlines."""
 MOST_SPREAD = 0.5
 """Of the glasses' size: what a cell's light spreads at most."""
+ALONE = 3.0
+"""Cells over which a way spreads that has none beside it: through a part of a glass that is narrower
+than a cell, of which the grid meets a place here and there."""
 STRAIGHT = 0
 """The path of a way that meets no glass."""
 LEAST_SINE = 1e-3
@@ -195,7 +198,8 @@ def follow_light(
     number = number[ways.ray]
     ground = _Ground(ways, on, scene, grids.shifts[number // faces], MOST_SPREAD * reach)
     # A way that has none beside it spreads as though nothing turned its rays.
-    plain = [ground.shadow(np.array(cells)[number[on], axis]) for axis in (0, 1)]
+    alone = np.where(ground.is_alone(sides[0]), ALONE, 1.0)[:, None]
+    plain = [ground.shadow(alone * np.array(cells)[number[on], axis]) for axis in (0, 1)]
     moved = [ground.moved(sides[0], axis, plain[axis]) for axis in (0, 1)]
     moved += [ground.moved(sides[1], axis, np.zeros_like(ground.point), moved) for axis in (0, 1)]
     major, minor = _axes([CELL * softness * move for move in moved], ground.normal)
@@ -241,6 +245,11 @@ class _Ground:
         hits = scene.hits(ways.take(on))
         self.point, self._direction = hits.point, hits.direction
         self.normal = -hits.normal * hits.side[:, None]
+
+    def is_alone(self, sides: Neighbours) -> np.ndarray:
+        """(K,) which ways have none beside them in their grid."""
+        partners = (*sides.ahead, *sides.behind)
+        return np.all([partner[self._on] < 0 for partner in partners], axis=0)
 
     def shadow(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (K, 3) as the ways cast them on their planes."""

@@ -16,7 +16,8 @@ import numpy as np
 from ..progress import check, tell
 from ..rays.caster import Caster, cast_past
 from ..rays.follow import CONTACT, Follower, Kept
-from ..rays.hits import Scene, Views
+from ..rays.curtain import looked_up
+from ..rays.hits import Scene, Shown, Views
 from ..rays.views import RadianceView
 from ..read.viewpoint import Viewpoint
 from .density import BESIDE, Seen, density
@@ -63,6 +64,7 @@ def light_maps(
     settings: LightSettings,
     scene: Scene,
     views: Views,
+    shown: Shown,
     follower: Follower,
     boxes: list[np.ndarray],
     sigma_px: float,
@@ -72,6 +74,7 @@ def light_maps(
 
     Parameters
     ----------
+    shown : which places of them are looked up; of the first one all are seen.
     follower : the picture's, for its glasses. boxes : corners (8, 3) of each glass's box.
     sigma_px : standard deviation of the pixel filter.
 
@@ -94,11 +97,12 @@ def light_maps(
         known.match((view.stamp(), *glasses))
         return found
 
-    found, shown = {}, {}
+    found, seen = {}, {}
     for number, view in enumerate(views):
         if view is not None and not view.sky_only:
-            shown[number] = _seen(view, scene, caster, middle)
-            found[number] = np.zeros(shown[number].points.shape)
+            used = looked_up(view, shown.pixels[shown.view == number]) if number else None
+            seen[number] = _seen(view, used, scene, caster, middle)
+            found[number] = np.zeros(seen[number].points.shape)
     for emitter in settings.emitters:
         tell(f'following the light of "{emitter.name}"')
         grid = grids(emitter, boxes, settings.rays, back)
@@ -106,8 +110,8 @@ def light_maps(
         landed = follow_light(
             emitter, grid, scene, follower_of, known, settings.softness, reach
         )
-        for number, seen in shown.items():
-            found[number] += density(landed, seen, sigma_px) * (emitter.power / np.pi)
+        for number, one in seen.items():
+            found[number] += density(landed, one, sigma_px) * (emitter.power / np.pi)
     return tuple(found.get(number) for number in range(len(views)))
 
 
@@ -119,7 +123,7 @@ def _farthest(points: np.ndarray, middle: np.ndarray) -> float:
     return float(np.linalg.norm(np.abs(box).max(axis=0)))
 
 
-def _seen(view: RadianceView, scene: Scene, caster: _PastLamps, middle: np.ndarray) -> Seen:
+def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps, middle: np.ndarray) -> Seen:
     """What the middles of a picture's pixels show."""
     check()
     x0, y0, x1, y1 = view.picture
@@ -135,4 +139,4 @@ def _seen(view: RadianceView, scene: Scene, caster: _PastLamps, middle: np.ndarr
     side = np.sign(np.einsum("nk,nk->n", normal, directions[met]))
     normals[met] = -side[:, None] * normal
     shape = (height, width, 3)
-    return Seen(view, middle, points.reshape(shape), normals.reshape(shape))
+    return Seen(view, used, middle, points.reshape(shape), normals.reshape(shape))

@@ -176,7 +176,7 @@ def compute(
         return result
     boxes = [_corners(body) for body in bodies]
     sigma = filter_sigma(frame.engine, frame.filter_size)
-    added = light_maps(frame.light, scene, views, follower, boxes, sigma, kept_light)
+    added = light_maps(frame.light, scene, views, shown, follower, boxes, sigma, kept_light)
     none = np.zeros((1, 1, 3))
     pictures = (none if part is None else frame.exposure * part for part in added)
     return replace(result, light=tuple(map(_opaque, pictures)))

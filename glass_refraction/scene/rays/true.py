@@ -27,7 +27,7 @@ from ..names import TAG, hidden_name, own
 from ..progress import check
 from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
-from ..read.modifier_inputs import read_input
+from ..read.modifier_inputs import has_input, read_input
 from ..read.viewpoint import (
     Viewpoint,
     border_window,
@@ -339,9 +339,22 @@ def _read_light(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, problems: list[str]
 ) -> LightSettings | None:
     """How lamps' light through the glasses is computed; None where it is not."""
-    if not has_light(scene):
-        return None
     settings = scene.refractive_glass
+    if settings.shadow != "LIGHT":
+        return None
+    if not has_light(scene):
+        problems.append(
+            "Workbench has no lamps whose light could fall through the glass: choose another "
+            "engine, or Straight as Shadow"
+        )
+        return None
+    problems += [
+        f'Glass "{obj.name}" casts a straight shadow beside that of the light through it: switch '
+        "off Casts Shadow"
+        for obj in glass_objects(rendered_layer(scene))
+        if has_input(glass_modifier(obj), "Casts Shadow")
+        and read_input(glass_modifier(obj), "Casts Shadow")
+    ]
     emitters = read_emitters(depsgraph, scene.render.engine, problems)
     return LightSettings(emitters, settings.light_rays, settings.light_softness)
 
