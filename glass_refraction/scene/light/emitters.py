@@ -28,9 +28,7 @@ SHARPEST = 1e-4
 """Least width of a spot's border, by cosines, as the engines have it."""
 WIDEST_SUN = np.radians(80.0)
 """Half angle of a sun, at most."""
-FACES = np.array(
-    [[axis, np.roll(axis, 1)] for axis in (*np.eye(3), *-np.eye(3))]
-)
+FACES = np.array([[axis, np.roll(axis, 1)] for axis in (*np.eye(3), *-np.eye(3))])
 """(6, 2, 3): directions of the faces of a cube, and one along each face."""
 
 
@@ -180,9 +178,7 @@ class Eye:
             projection[:2, 3], projection[3, 3] = -middle, 1.0
         else:
             projection[:2, 2], projection[3, 2] = middle, -1.0
-        return replace(
-            self.view, projection=projection, size=size, window=(0, 0, *size)
-        )
+        return replace(self.view, projection=projection, size=size, window=(0, 0, *size))
 
     def cell(self, size: tuple[int, int]) -> np.ndarray:
         """(2, 3): the sides of a pixel in its plane, metres."""
@@ -263,9 +259,7 @@ def _has_nodes(light: bpy.types.Light) -> bool:
     return kinds not in ([], ["ShaderNodeEmission", "ShaderNodeOutputLight"])
 
 
-def emitter_of(
-    light: bpy.types.Light, to_world: np.ndarray, name: str, engine: str
-) -> Emitter:
+def emitter_of(light: bpy.types.Light, to_world: np.ndarray, name: str, engine: str) -> Emitter:
     """A lamp as the engine has it; see `rays.lamps` for its power."""
     scale = np.linalg.norm(to_world[:3, :3], axis=0)
     axes = to_world[:3, :3] / np.where(scale > 0.0, scale, 1.0)

@@ -32,8 +32,8 @@ MARGIN_PX = 2
 MOST_SPREAD = 0.5
 """Of the glasses' size: what a cell's light spreads at most."""
 ALONE = 3.0
-"""Cells over which a way spreads that has none beside it: through a part of a glass that is narrower
-than a cell, of which the grid meets a place here and there."""
+"""Cells over which a way spreads that has none beside it: it comes through a part of a glass that
+is narrower than a cell, and that the grid meets here and there."""
 STRAIGHT = 0
 """The path of a way that meets no glass."""
 LEAST_SINE = 1e-3
@@ -88,9 +88,7 @@ class Grids:
     shifts: np.ndarray
 
 
-def grids(
-    emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float
-) -> Grids:
+def grids(emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float) -> Grids:
     """The pixels through which a lamp's light is followed.
 
     Parameters

@@ -8,21 +8,20 @@ difference, times the part that a surface sends back, is added to the view's pic
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..progress import check, tell
 from ..rays.caster import Caster, cast_past
-from ..rays.follow import CONTACT, Follower, Kept
 from ..rays.curtain import looked_up
+from ..rays.follow import CONTACT, Follower, Kept
 from ..rays.hits import Scene, Shown, Views
 from ..rays.views import RadianceView
 from ..read.viewpoint import Viewpoint
 from .density import BESIDE, Seen, density
 from .emitters import Emitter
-from .landed import Landed, follow_light, grids
+from .landed import follow_light, grids
 
 FARTHER = 1.1
 """Of the way across all things: from where a sun's rays begin."""
@@ -107,9 +106,7 @@ def light_maps(
         tell(f'following the light of "{emitter.name}"')
         grid = grids(emitter, boxes, settings.rays, back)
         known = kept.lamps.setdefault(emitter.name, {})
-        landed = follow_light(
-            emitter, grid, scene, follower_of, known, settings.softness, reach
-        )
+        landed = follow_light(emitter, grid, scene, follower_of, known, settings.softness, reach)
         for number, one in seen.items():
             found[number] += density(landed, one, sigma_px) * (emitter.power / np.pi)
     return tuple(found.get(number) for number in range(len(views)))

@@ -159,7 +159,8 @@ def compute(
 
     Parameters
     ----------
-    kept, kept_light : what earlier frames found and this one may use; it changes the time, never the answer.
+    kept, kept_light : what earlier frames found and this one may use; it changes the time, never
+        the answer.
     """
     tell(FOLLOWING)
     bodies = [body for body in map(as_body, frame.glasses) if body is not None]

@@ -178,11 +178,17 @@ class SumTree(_Lookups):
     """Builds the compositor tree of True shading.
 
     Inputs Image and Alpha are the direct picture's, the output Image is the picture with all
-    glasses in it. ``captures`` are scenes whose pictures the samples look up too.
+    glasses in it. ``captures`` are scenes whose pictures the samples look up too. ``light``: what
+    glasses change in the light of lamps is added to every view.
     """
 
     def __init__(
-        self, scene: bpy.types.Scene, captures: list[bpy.types.Scene], *, alpha: bool, light: bool
+        self,
+        scene: bpy.types.Scene,
+        captures: list[bpy.types.Scene],
+        *,
+        alpha: bool,
+        light: bool = False,
     ) -> None:
         super().__init__(scene, "composite", scene.name)
         for name, kind in (("Image", "NodeSocketColor"), ("Alpha", "NodeSocketFloat")):

