@@ -23,9 +23,6 @@ from .density import BESIDE, Seen, density
 from .emitters import Emitter
 from .landed import follow_light, grids
 
-FARTHER = 1.1
-"""Of the way across all things: from where a sun's rays begin."""
-
 
 @dataclass(frozen=True)
 class LightSettings:
@@ -68,7 +65,7 @@ def light_maps(
     boxes: list[np.ndarray],
     sigma_px: float,
     kept: KeptLight,
-) -> tuple[np.ndarray | None, ...]:
+) -> tuple[np.ndarray, ...]:
     """What is added to the radiance of white matte surfaces in each view's picture.
 
     Parameters
@@ -79,8 +76,11 @@ def light_maps(
 
     Returns
     -------
-    (height, width, 3) for each view, None for one that is None or of the sky.
+    (height, width, 3) for each view; a pixel for one that is None or of the sky.
     """
+    found = [np.zeros(_shape(view)) for view in views]
+    if not (boxes and settings.emitters):
+        return tuple(found)
     corners = np.concatenate(boxes)
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     reach = float(np.linalg.norm(np.ptp(corners, axis=0)))
@@ -88,7 +88,8 @@ def light_maps(
     things = scene.things
     is_lamp = np.array([look.is_lamp for look in things.looks], bool)[things.surface]
     caster = _PastLamps(scene.caster, is_lamp, skin)
-    back = FARTHER * _farthest(things.points, middle) + reach
+    # In large steps: ways are kept while it stays, though things move.
+    back = reach * 2.0 ** np.ceil(np.log2(1.0 + _farthest(things.points, middle) / reach))
 
     def follower_of(view: Viewpoint, known: Kept) -> Follower:
         found = replace(follower, view=view, caster=caster, kept=known, through=None)
@@ -96,12 +97,13 @@ def light_maps(
         known.match((view.stamp(), *glasses))
         return found
 
-    found, seen = {}, {}
+    seen = {}
     for number, view in enumerate(views):
         if view is not None and not view.sky_only:
             used = looked_up(view, shown.pixels[shown.view == number]) if number else None
             seen[number] = _seen(view, used, scene, caster, middle)
-            found[number] = np.zeros(seen[number].points.shape)
+    names = {emitter.name for emitter in settings.emitters}
+    kept.lamps = {name: known for name, known in kept.lamps.items() if name in names}
     for emitter in settings.emitters:
         tell(f'following the light of "{emitter.name}"')
         grid = grids(emitter, boxes, settings.rays, back)
@@ -109,7 +111,14 @@ def light_maps(
         landed = follow_light(emitter, grid, scene, follower_of, known, settings.softness, reach)
         for number, one in seen.items():
             found[number] += density(landed, one, sigma_px) * (emitter.power / np.pi)
-    return tuple(found.get(number) for number in range(len(views)))
+    return tuple(found)
+
+
+def _shape(view: RadianceView | None) -> tuple[int, int, int]:
+    if view is None or view.sky_only:
+        return 1, 1, 3
+    x0, y0, x1, y1 = view.picture
+    return y1 - y0, x1 - x0, 3
 
 
 def _farthest(points: np.ndarray, middle: np.ndarray) -> float:
@@ -123,8 +132,8 @@ def _farthest(points: np.ndarray, middle: np.ndarray) -> float:
 def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps, middle: np.ndarray) -> Seen:
     """What the middles of a picture's pixels show."""
     check()
-    x0, y0, x1, y1 = view.picture
-    width, height = x1 - x0, y1 - y0
+    shape = _shape(view)
+    (height, width, _), (x0, y0, *_) = shape, view.picture
     y, x = np.divmod(np.arange(width * height), width)
     origins, directions = view.rays(np.stack((x + x0 + 0.5, y + y0 + 0.5), axis=1))
     way, triangle = caster.cast(origins, directions)
@@ -135,5 +144,4 @@ def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps, middle: np
     normal = scene.normals[triangle[met]]
     side = np.sign(np.einsum("nk,nk->n", normal, directions[met]))
     normals[met] = -side[:, None] * normal
-    shape = (height, width, 3)
     return Seen(view, used, middle, points.reshape(shape), normals.reshape(shape))

@@ -173,14 +173,12 @@ def compute(
     rays, shown, views, glints = _followed(frame, scene, direct, bodies, follower, scale, room)
     tell("adding up the light")
     result = _summed(frame, scene, views, rays, shown, glints)
-    if frame.light is None or not bodies:
+    if frame.light is None:
         return result
     boxes = [_corners(body) for body in bodies]
     sigma = filter_sigma(frame.engine, frame.filter_size)
     added = light_maps(frame.light, scene, views, shown, follower, boxes, sigma, kept_light)
-    none = np.zeros((1, 1, 3))
-    pictures = (none if part is None else frame.exposure * part for part in added)
-    return replace(result, light=tuple(map(_opaque, pictures)))
+    return replace(result, light=tuple(_opaque(frame.exposure * part) for part in added))
 
 
 def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarray, float]:

@@ -301,6 +301,22 @@ def test_the_users_own_pass_is_left_as_it_is(kept):
     assert layer.use_pass_diffuse_color == kept
 
 
+def test_a_glass_that_goes_takes_its_light_along(tmp_path):
+    scene = _floor(32, 24)
+    scene.refractive_glass.shadow = "LIGHT"
+    scene.camera.location.z = 0.4
+    _lamp("SUN", energy=np.pi)
+    glass = _pane()
+    scenes.glass(shape="ROD", radius=0.01).location = (5.0, 0.0, 0.0)
+    scenes.key(glass, "hide_render", [False, True, False])
+    found = []
+    for frame in scenes.FRAMES:
+        scene.frame_set(frame)
+        found.append(scenes.picture(scene, tmp_path)[..., :3].mean())
+    assert found[0] == pytest.approx(found[2])
+    assert found[0] < 0.95 < found[1]
+
+
 @pytest.mark.parametrize("moves", ["thing", "lamp", "glass"])
 def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, moves):
     scene = _floor(32, 24)
