@@ -263,6 +263,10 @@ def _followed(
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
     ends = ending(coarse, beside, shown, frame.things.surfaces(coarse.ways.triangle), view.size)
+    # A way's end may lie in the next pixel, which a cropped picture need not hold.
+    drawn = np.zeros(len(ends.pixel), bool)
+    drawn[grid([frame.region], view.size)] = True
+    ends = replace(ends, pixel=np.where(drawn, ends.pixel, 0.0))
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
     glint = Glints(beside.pixel, glints * coarse.ways.colour)
