@@ -394,24 +394,3 @@ def test_a_lamp_in_or_on_a_glass_lights_what_is_round_it(tmp_path, place):
     _, lit = _both(scene, tmp_path)
     assert np.isfinite(lit).all()
     assert door.status(scene).problems == []
-
-
-def test_a_cropped_picture_is_that_part_of_the_whole(tmp_path):
-    """The border runs through the glass and through its light."""
-    scene = _floor(60, 44)
-    scene.refractive_glass.shadow = "LIGHT"
-    scene.refractive_glass.light_rays = 5000
-    glass = scenes.glass(shape="CYLINDER", radius=0.04, height=0.05)
-    glass.location.z = 0.01
-    _lamp("SUN", tilt=0.8, energy=np.pi)
-    whole = scenes.picture(scene, tmp_path)
-    render = scene.render
-    render.use_border = render.use_crop_to_border = True
-    render.border_min_x, render.border_max_x = 0.25, 0.5
-    render.border_min_y, render.border_max_y = 0.25, 0.5
-    part = scenes.picture(scene, tmp_path)
-    assert door.status(scene).problems == []
-    off = np.abs(part - whole[11:22, 15:30])[..., :3]
-    assert part.shape == (11, 15, 4)
-    assert np.median(off) < 1e-3
-    assert off.mean() < 0.02
