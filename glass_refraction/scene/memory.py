@@ -12,6 +12,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from .. import optics
+    from .light.light import KeptLight
     from .plan import Plan
     from .rays.caster import Casters
     from .rays.follow import Kept
@@ -80,7 +81,7 @@ class Memory:
     moments : time -> where the vertices of each copy are then.
     paths : glass and colour -> the paths that are kept.
     casters : of rays, which know what stands in their targets.
-    kept : ways of rays that the next frame may use.
+    kept, kept_light : ways of rays that the next frame may use, of the eye's and of the lamps'.
     covered : (height, width) pixels of the last picture that a glass covers, in True shading.
     """
 
@@ -102,6 +103,7 @@ class Memory:
     casters: Casters | None = None
     covered: np.ndarray | None = None
     kept: Kept | None = None
+    kept_light: KeptLight | None = None
     status: Status = field(default_factory=Status)
 
 

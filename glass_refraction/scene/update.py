@@ -148,7 +148,7 @@ def _check_scene(scene: bpy.types.Scene) -> None:
             f'Scene "{scene.name}" is linked from a library: make it local (Object > Relations)'
         )
     settings = scene.refractive_glass
-    for name in ("min_weight", "tolerance_px"):
+    for name in ("min_weight", "tolerance_px", "light_softness"):
         if not np.isfinite(getattr(settings, name)):
             label = settings.bl_rna.properties[name].name
             raise RefractiveGlassError(

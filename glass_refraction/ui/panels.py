@@ -262,6 +262,9 @@ def _draw_material(
 
 _OF_SHADING = {"TRUE": "captures", "DISPLACED": "tolerance_px"}
 """The setting that a shading alone has."""
+_SHADOW_OF = {"TRUE": ("shadow",), "DISPLACED": ()}
+_OF_LIGHT = ("light_rays", "light_softness")
+"""Settings of *Light* as Shadow."""
 
 
 class _Scene:
@@ -284,13 +287,14 @@ class _Scene:
         settings = context.scene.refractive_glass
         column = layout.column()
         column.active = settings.enabled
-        for name in ("shading", "surface", "quality"):
+        for name in ("shading", "surface", *_SHADOW_OF[settings.shading], "quality"):
             column.prop(settings, name)
         body = _section(layout, "Advanced", closed=True)
         if body is not None:
             column = body.column()
             column.active = settings.enabled
-            for name in (_OF_SHADING[settings.shading], "min_weight"):
+            lit = settings.shading == "TRUE" and settings.shadow == "LIGHT"
+            for name in (_OF_SHADING[settings.shading], "min_weight", *(_OF_LIGHT if lit else ())):
                 column.prop(settings, name)
         for problem in door.status(context.scene).problems:
             draw_lines(layout, context, problem, "ERROR")

@@ -13,9 +13,9 @@ def _changed(_settings, context: bpy.types.Context) -> None:
 
 
 _QUALITIES = {
-    "DRAFT": {"captures": 1, "min_weight": 0.03, "tolerance_px": 1.0},
-    "GOOD": {"captures": 3, "min_weight": 0.01, "tolerance_px": 0.25},
-    "FINAL": {"captures": 3, "min_weight": 0.003, "tolerance_px": 0.1},
+    "DRAFT": {"captures": 1, "min_weight": 0.03, "tolerance_px": 1.0, "light_rays": 30_000},
+    "GOOD": {"captures": 3, "min_weight": 0.01, "tolerance_px": 0.25, "light_rays": 80_000},
+    "FINAL": {"captures": 3, "min_weight": 0.003, "tolerance_px": 0.1, "light_rays": 400_000},
 }
 """The settings that a quality stands for."""
 _OWN = "CUSTOM"
@@ -71,6 +71,39 @@ class SceneSettings(bpy.types.PropertyGroup):
             ("REFRACTION", "Refraction", "Refracts only, without loss (Refraction BSDF)"),
         ),
         default="GLASS",
+        update=_changed,
+    )
+    shadow: bpy.props.EnumProperty(
+        name="Shadow",
+        description="What the glasses do to the light of lamps that falls through them",
+        items=(
+            ("STRAIGHT", "Straight", "Nothing, or with Casts Shadow a straight, tinted shadow"),
+            (
+                "LIGHT",
+                "Light",
+                "Light is bent and mirrored as it falls through the glasses: shadows and caustics "
+                "of sun, point, spot and area lamps, in Cycles and EEVEE. In renders only, and "
+                "with True shading",
+            ),
+        ),
+        default="STRAIGHT",
+        update=_changed,
+    )
+    light_rays: bpy.props.IntProperty(
+        name="Light Rays",
+        description="How many rays of each lamp are followed through the glasses, about",
+        default=80_000,
+        min=1000,
+        soft_max=1_000_000,
+        update=_changed,
+    )
+    light_softness: bpy.props.FloatProperty(
+        name="Softness",
+        description="How far the light of one ray is spread where it falls. Below 1 the rays show "
+        "as a pattern, above edges are softer than they are",
+        default=1.0,
+        min=0.1,
+        soft_max=4.0,
         update=_changed,
     )
     quality: bpy.props.EnumProperty(

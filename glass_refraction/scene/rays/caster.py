@@ -21,6 +21,10 @@ from .things import Triangles
 
 FAR = 1e30
 """Stands for no hit, in units of the caster's scale; float32 holds it."""
+MOST_PASSED = 32
+"""Surfaces one behind another that a ray passes because they do not count."""
+BEHIND = 1e-5
+"""Part of the way to such a surface by which the ray is put behind it."""
 _DIRECTION = "ray"
 """Attribute of the rays' points: their direction; the cast puts its answer there."""
 _FACE = "face"
@@ -106,6 +110,27 @@ class Caster:
         distances[hit] = answer[hit, 0].astype(float) * self._scale
         triangles[hit] = answer[hit, 1].astype(np.intp)
         return distances, triangles
+
+
+def cast_past(
+    caster: Caster, counts: np.ndarray, skin: float, origins: np.ndarray, directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What rays meet of the triangles that count (T,), as `Caster.cast`.
+
+    ``skin``: metres by which a ray is put behind others at least.
+    """
+    distance, triangle = caster.cast(origins, directions)
+    for _ in range(MOST_PASSED):
+        left = np.flatnonzero((triangle >= 0) & ~counts[triangle])
+        if not len(left):
+            return distance, triangle
+        passed = distance[left] + np.maximum(skin, BEHIND * distance[left])
+        begin = origins[left] + passed[:, None] * directions[left]
+        further, triangle[left] = caster.cast(begin, directions[left])
+        distance[left] = passed + further
+    hidden = (triangle >= 0) & ~counts[triangle]
+    distance[hidden], triangle[hidden] = np.inf, -1
+    return distance, triangle
 
 
 def _fill(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -> None:

@@ -18,7 +18,7 @@ from ... import optics
 from ..memory import counters
 from ..progress import check
 from ..read.viewpoint import Viewpoint
-from .caster import Caster
+from .caster import Caster, cast_past
 from .columns import joined
 from .hits import Ways
 from .meshes import GlassMeshes
@@ -28,10 +28,6 @@ Band = tuple[tuple[float, float, float], list[optics.Placed]]
 
 CONTACT = 1e-5
 """Of the glasses' size: what reaches no deeper among them only touches them."""
-MOST_PASSED = 32
-"""Surfaces one behind another that a ray passes because they are not seen through the glasses."""
-BEHIND = 1e-5
-"""Part of the way to such a surface by which the ray is put behind it."""
 FINE = 5.0
 """Where a pixel has many rays, ways must carry so much more of a ray's light: it is a part of the
 pixel's."""
@@ -268,21 +264,9 @@ class Follower:
         self, origins: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """What rays meet of what is seen through the glasses."""
-        distance, triangle = self.caster.cast(origins, directions)
         if self.through is None:
-            return distance, triangle
-        for _ in range(MOST_PASSED):
-            left = np.flatnonzero((triangle >= 0) & ~self.through[triangle])
-            if not len(left):
-                return distance, triangle
-            # On behind what is not seen.
-            passed = distance[left] + np.maximum(self._skin, BEHIND * distance[left])
-            begin = origins[left] + passed[:, None] * directions[left]
-            further, triangle[left] = self.caster.cast(begin, directions[left])
-            distance[left] = passed + further
-        hidden = (triangle >= 0) & ~self.through[triangle]
-        distance[hidden], triangle[hidden] = np.inf, -1
-        return distance, triangle
+            return self.caster.cast(origins, directions)
+        return cast_past(self.caster, self.through, self._skin, origins, directions)
 
     def _entry(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Metres (M,) at which rays come into the box round all glasses; 0 from within."""

@@ -7,11 +7,13 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ... import optics
+from ..light.landed import pixel_rect
+from ..light.light import KeptLight, LightSettings, light_maps
 from ..progress import tell
 from ..read.glasses import Glass, as_body
 from ..read.mesh_glasses import MeshGlass
@@ -60,8 +62,6 @@ NOISIEST, MOST_NOISE = 2.0, 0.7
 """Variance of what a view shows, over that of what the direct picture shows: see `_worth`."""
 FOLLOWING = "following light through the glass"
 """What users are told meanwhile."""
-MARGIN_PX = 2
-"""Pixels round a glass's outline that are looked at too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +80,7 @@ class FrameInput:
     seen_through : names of what is seen through the glasses; None: all.
     exposure : by what the engine multiplies radiance in its pictures.
     capture_worth : see :class:`hits.Scene`.
+    light : of lamps through the glasses; None: they light all as though there were none.
     """
 
     glasses: tuple[Glass, ...]
@@ -99,6 +100,7 @@ class FrameInput:
     seen_through: frozenset[str] | None = None
     exposure: float = 1.0
     capture_worth: float = CAPTURE_WORTH
+    light: LightSettings | None = None
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ class FrameResult:
     views : the pictures of each view's samples, the direct picture's first.
     weights : (K,) without tints, of the same samples.
     spread, known, known_alpha : see :mod:`sum_tree`.
+    light : of each view, what white matte surfaces show more; none without `FrameInput.light`.
     reports : of each view. unseen : part of the hits' light that no view shows.
     rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     """
@@ -148,6 +151,7 @@ class FrameResult:
     rays: int
     ways: int
     covered: int
+    light: tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,12 +173,15 @@ class Rays:
     dark: np.ndarray
 
 
-def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> FrameResult:
+def compute(
+    frame: FrameInput, casters: Casters, room: Room, kept: Kept, kept_light: KeptLight
+) -> FrameResult:
     """The pictures of one frame.
 
     Parameters
     ----------
-    kept : what earlier frames found and this one may use; it changes the time, never the answer.
+    kept, kept_light : what earlier frames found and this one may use; it changes the time, never
+        the answer.
     """
     tell(FOLLOWING)
     bodies = [body for body in map(as_body, frame.glasses) if body is not None]
@@ -183,9 +190,18 @@ def compute(frame: FrameInput, casters: Casters, room: Room, kept: Kept) -> Fram
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
     scene = Scene(casters.things, frame.things, frame.sky, frame.capture_worth)
     direct = direct_view(frame.view, frame.region, frame.near)
-    rays, views = _followed(frame, scene, direct, bodies, meshes, scale, room, kept)
+    follower = _follower(frame, scene, bodies, meshes, kept)
+    rays, views = _followed(frame, scene, direct, bodies, follower, scale, room)
     tell("adding up the light")
-    return _summed(frame, scene, views, rays)
+    result = _summed(frame, scene, views, rays)
+    if frame.light is None:
+        return result
+    boxes = [_corners(body) for body in bodies]
+    sigma = filter_sigma(frame.engine, frame.filter_size)
+    found = rays.lookups
+    places = [found.place[found.view == number] for number in range(len(views))]
+    added = light_maps(frame.light, scene, views, places, follower, boxes, sigma, kept_light)
+    return replace(result, light=tuple(_opaque(frame.exposure * part) for part in added))
 
 
 def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarray, float]:
@@ -210,19 +226,6 @@ def _corners(body: Glass) -> np.ndarray:
     return body.points_to_world(np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3))
 
 
-def _rect(body: Glass, view: Viewpoint) -> tuple[int, int, int, int]:
-    """Pixels (x0, y0, x1, y1), half open, that a glass can cover."""
-    clip = view.clip(_corners(body))
-    width, height = view.size
-    if np.any(clip[:, 2] <= 0):
-        # Some of it is behind the eye, or the eye is in it.
-        return (0, 0, 0, 0) if np.all(clip[:, 2] <= 0) else (0, 0, width, height)
-    xy = clip[:, :2] / clip[:, 2:3] * (width, height)
-    low = np.floor(np.clip(xy.min(axis=0) - MARGIN_PX, 0, (width, height))).astype(int)
-    high = np.ceil(np.clip(xy.max(axis=0) + MARGIN_PX, 0, (width, height))).astype(int)
-    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
-
-
 def _cut(rect, region) -> tuple[int, int, int, int]:
     return (
         max(rect[0], region[0]),
@@ -232,21 +235,13 @@ def _cut(rect, region) -> tuple[int, int, int, int]:
     )
 
 
-def _followed(
-    frame: FrameInput,
-    scene: Scene,
-    direct: RadianceView,
-    bodies: Sequence[Glass],
-    meshes: GlassMeshes,
-    scale: float,
-    room: Room,
-    kept: Kept,
-) -> tuple[Rays, Views]:
-    """What the picture's rays bring, and all views."""
+def _follower(
+    frame: FrameInput, scene: Scene, bodies: Sequence[Glass], meshes: GlassMeshes, kept: Kept
+) -> Follower:
+    """Follows the rays of the picture."""
     view = frame.view
-    rects = [_cut(_rect(body, view), frame.region) for body in bodies]
-    pixels = grid(rects, view.size)
-    follower = Follower(
+    kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
+    return Follower(
         view,
         _bands(frame.glasses),
         scene.caster,
@@ -258,7 +253,21 @@ def _followed(
         kept,
         _through(frame),
     )
-    kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
+
+
+def _followed(
+    frame: FrameInput,
+    scene: Scene,
+    direct: RadianceView,
+    bodies: Sequence[Glass],
+    follower: Follower,
+    scale: float,
+    room: Room,
+) -> tuple[Rays, Views]:
+    """What the picture's rays bring, and all views."""
+    view = frame.view
+    rects = [_cut(pixel_rect(view, _corners(body)), frame.region) for body in bodies]
+    pixels = grid(rects, view.size)
     coarse = centre_rays(pixels, follower)
     most = min(frame.captures, room.captures)
     beside = neighbours(coarse, view.size)
@@ -277,6 +286,10 @@ def _followed(
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
     ends = ending(coarse, beside, shown, frame.things.surfaces(coarse.ways.triangle), view.size)
+    # A way's end may lie in the next pixel, which a cropped picture need not hold.
+    drawn = np.zeros(len(ends.pixel), bool)
+    drawn[grid([frame.region], view.size)] = True
+    ends = replace(ends, pixel=np.where(drawn, ends.pixel, 0.0))
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
     lit = np.flatnonzero(glints.any(axis=1))
@@ -515,3 +528,9 @@ def _window_pixels(pixel: np.ndarray, view: Viewpoint) -> np.ndarray:
 def _window_size(view: Viewpoint) -> tuple[int, int]:
     x0, y0, x1, y1 = view.window
     return x1 - x0, y1 - y0
+
+
+def _opaque(colour: np.ndarray) -> np.ndarray:
+    out = np.ones((*colour.shape[:2], 4), np.float32)
+    out[..., :3] = colour
+    return out

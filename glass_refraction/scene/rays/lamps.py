@@ -32,7 +32,7 @@ class Sun:
     radiance: tuple[float, float, float]
 
 
-def _power(light: bpy.types.Light) -> np.ndarray:
+def lamp_power(light: bpy.types.Light) -> np.ndarray:
     """Power, or a sun's irradiance, by colour."""
     colour = np.array(light.color, float)
     if getattr(light, "use_temperature", False):
@@ -40,7 +40,7 @@ def _power(light: bpy.types.Light) -> np.ndarray:
     return colour * float(light.energy) * 2.0 ** float(getattr(light, "exposure", 0.0))
 
 
-def _is_normalised(light: bpy.types.Light) -> bool:
+def lamp_is_normalised(light: bpy.types.Light) -> bool:
     """Whether a larger lamp of the same power is darker."""
     return bool(getattr(light, "normalize", True))
 
@@ -55,8 +55,8 @@ def sun_of(light: bpy.types.Light, to_world: np.ndarray) -> Sun | None:
     if half <= 0.0:
         return None
     axis = to_world[:3, 2] / np.linalg.norm(to_world[:3, 2])
-    radiance = _power(light)
-    if _is_normalised(light):
+    radiance = lamp_power(light)
+    if lamp_is_normalised(light):
         radiance = radiance / (np.pi * np.sin(min(half, 0.5 * np.pi)) ** 2)
     return Sun(tuple(float(part) for part in axis), float(np.cos(half)), _radiance(radiance))
 
@@ -87,7 +87,7 @@ def _area(light: bpy.types.AreaLight, to_world: np.ndarray):
     fan = np.arange(1, len(flat) - 1)
     # Its light leaves along −z: the corners run clockwise as seen from there.
     corners = np.stack((np.zeros_like(fan), fan + 1, fan), axis=1)
-    radiance = _power(light) / (np.pi * (area if _is_normalised(light) else 1.0))
+    radiance = lamp_power(light) / (np.pi * (area if lamp_is_normalised(light) else 1.0))
     look = Look((0.0, 0.0, 0.0), _radiance(radiance), True, False, 1)
     return points, corners.astype(np.int32), look
 
@@ -112,7 +112,7 @@ def _ball(light: bpy.types.PointLight | bpy.types.SpotLight, to_world: np.ndarra
         ]
     )
     points = unit.reshape(-1, 3) * radius + to_world[:3, 3]
-    radiance = _power(light) / np.pi
-    if _is_normalised(light):
+    radiance = lamp_power(light) / np.pi
+    if lamp_is_normalised(light):
         radiance = radiance / (4.0 * np.pi * radius**2)
     return points, corners.astype(np.int32), Look((0.0, 0.0, 0.0), _radiance(radiance), True)

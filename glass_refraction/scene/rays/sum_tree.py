@@ -11,6 +11,7 @@ import numpy as np
 from ..build.node_sums import NodeSums
 from ..names import TAG, hidden_name, own
 from ..read.arrays import write_image
+from ..read.visibility import rendered_layer
 from .samples import EARLY, LEVELS, Packed
 
 _VALUES = "refractive_glass_values"
@@ -187,11 +188,17 @@ class SumTree(_Lookups):
     """Builds the compositor tree of True shading.
 
     Inputs Image and Alpha are the direct picture's, the output Image is the picture with all
-    glasses in it. ``captures`` are scenes whose pictures the samples look up too.
+    glasses in it. ``captures`` are scenes whose pictures the samples look up too. ``light``: what
+    glasses change in the light of lamps is added to every view.
     """
 
     def __init__(
-        self, scene: bpy.types.Scene, captures: list[bpy.types.Scene], *, alpha: bool
+        self,
+        scene: bpy.types.Scene,
+        captures: list[bpy.types.Scene],
+        *,
+        alpha: bool,
+        light: bool = False,
     ) -> None:
         super().__init__(scene, "composite", scene.name)
         for name, kind in (("Image", "NodeSocketColor"), ("Alpha", "NodeSocketFloat")):
@@ -199,7 +206,12 @@ class SumTree(_Lookups):
         self.tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
         start = self._node("NodeGroupInput")
         direct = Outputs(start.outputs["Image"], start.outputs["Alpha"])
-        views = [direct, *(self._capture(capture) for capture in captures)]
+        nodes = [self._layers(capture) for capture in captures]
+        views = [direct, *(Outputs(n.outputs["Image"], n.outputs["Alpha"]) for n in nodes)]
+        if light:
+            layers = [self._layers(scene, rendered_layer(scene).name), *nodes]
+            views = [self._lit(*part) for part in enumerate(zip(views, layers, strict=True))]
+            direct = views[0]
         beside = self._picture("spread", output="Alpha")
         whole = self._vector("ADD", self._scaled(direct.image, beside), self._summed(views))
         through = self._math("MULTIPLY", direct.alpha, beside)
@@ -212,12 +224,25 @@ class SumTree(_Lookups):
         end = self._node("NodeGroupOutput")
         self._link(self._with_alpha(whole, through), end.inputs["Image"])
 
-    def _capture(self, scene: bpy.types.Scene) -> Outputs:
+    def _layers(self, scene: bpy.types.Scene, layer: str | None = None):
         # In its own context: Blender would count the present scene as used once more, for ever.
         with bpy.context.temp_override(scene=scene):
             node = self._node("CompositorNodeRLayers")
         node.scene = scene
-        return Outputs(node.outputs["Image"], node.outputs["Alpha"])
+        if layer is not None:
+            node.layer = layer
+        return node
+
+    def _lit(self, number: int, view_and_layers) -> Outputs:
+        """A view with what its surfaces show more by the light that glasses turn to them."""
+        view, layers = view_and_layers
+        if own(layers.scene, "sky"):
+            return view
+        colours = layers.outputs["Diffuse Color"]
+        more = self._vector("MULTIPLY", colours, self._picture(number, "light"))
+        lit = self._vector("ADD", view.image, more)
+        # Noise of the picture, and what other things keep off in half shadow.
+        return Outputs(self._vector("MAXIMUM", lit, (0.0, 0.0, 0.0)), view.alpha)
 
     def _alpha(self, view: Outputs) -> Outputs:
         """A view's alpha as a picture."""

@@ -20,12 +20,14 @@ from ..build.own_scenes import (
     synchronise,
     write_setting,
 )
+from ..light.emitters import read_emitters
+from ..light.light import KeptLight, LightSettings
 from ..memory import Status, counters, memory_of
 from ..names import TAG, hidden_name, own
 from ..progress import check
 from ..read.arrays import write_polygons
 from ..read.glasses import glass_modifier, glass_objects, read_glasses
-from ..read.modifier_inputs import read_input
+from ..read.modifier_inputs import has_input, read_input
 from ..read.viewpoint import (
     Viewpoint,
     border_window,
@@ -61,6 +63,9 @@ UNCOVERED = 0.5
 TOLD_LIGHT = 0.01
 """Part of the light in the glasses that is told of if it is lit otherwise than the picture."""
 _STRUCTURE = "refractive_glass_structure"
+_COLOURS = "use_pass_diffuse_color"
+_LENT = "refractive_glass_lent"
+"""Property of the own scene for casts: the user's layer that was given a pass."""
 _kept_sizes: dict[int, tuple[int, int]] = {}
 """View's session uid -> pixels of the picture of it that Blender has kept. The compositor takes it
 where the view is not rendered, and reads past its end where it is smaller than the user's: so it is
@@ -84,11 +89,13 @@ def prepare(scene: bpy.types.Scene) -> None:
         _fill_view(scene, view)
     _match_views(scene, views)
     alpha = scene.render.film_transparent
-    structure = f"true {ROOM} {EARLY} {LEVELS} {alpha}"
+    lit = has_light(scene)
+    structure = f"true {ROOM} {EARLY} {LEVELS} {alpha}{' light' if lit else ''}"
+    _ask_for_colours(scene, cast, views, lit)
     node = group_node(scene)
     if node is None or node.node_tree is None or node.node_tree.get(_STRUCTURE) != structure:
         counters["structures"] += 1
-        tree = SumTree(scene, views, alpha=alpha).tree
+        tree = SumTree(scene, views, alpha=alpha, light=lit).tree
         tree[_STRUCTURE] = structure
         insert_group(scene, tree, views)
     write_kernels()
@@ -98,8 +105,38 @@ def prepare(scene: bpy.types.Scene) -> None:
             synchronise(layer)
 
 
+def has_light(scene: bpy.types.Scene) -> bool:
+    """Whether lamps' light is followed through the scene's glasses; Workbench has no lamps."""
+    lit = scene.refractive_glass.shadow == "LIGHT"
+    return lit and scene.render.engine != "BLENDER_WORKBENCH"
+
+
+def _ask_for_colours(
+    scene: bpy.types.Scene, cast: bpy.types.Scene, views: list[bpy.types.Scene], lit: bool
+) -> None:
+    """Have the engine write what part of matte light surfaces send back, if light is followed.
+
+    The user's layer gets that pass for as long; the own scene for casts remembers that it had not.
+    """
+    for view in views:
+        if own(view, CAPTURE):
+            write_setting(view.view_layers[0], _COLOURS, lit)
+    name = cast.get(_LENT)
+    if name is not None and not (lit and name == rendered_layer(scene).name):
+        layer = scene.view_layers.get(name)
+        if layer is not None:
+            write_setting(layer, _COLOURS, False)
+        del cast[_LENT]
+    layer = rendered_layer(scene)
+    if lit and not getattr(layer, _COLOURS):
+        write_setting(layer, _COLOURS, True)
+        cast[_LENT] = layer.name
+
+
 def remove(scene: bpy.types.Scene) -> None:
     """Remove the own scenes of True shading."""
+    for cast in find_own_scenes(scene, (CAST,)):
+        _ask_for_colours(scene, cast, [], False)
     remove_own_scenes(scene, (CAPTURE, SKY, CAST))
 
 
@@ -172,7 +209,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     problems = [*memory.standing, *_blurred(scene)]
     views = find_own_scenes(scene, (CAPTURE, SKY))
     read = _read(scene, depsgraph, view, problems)
-    result = compute(read, _casters(scene), ROOM, _kept(scene))
+    result = compute(read, _casters(scene), ROOM, _kept(scene), _kept_light(scene))
     # From here on all is written: a picture of two frames' halves would be none.
     check()
     _write(scene, views, result)
@@ -255,6 +292,13 @@ def _kept(scene: bpy.types.Scene) -> Kept:
     return memory.kept
 
 
+def _kept_light(scene: bpy.types.Scene) -> KeptLight:
+    memory = memory_of(scene)
+    if memory.kept_light is None:
+        memory.kept_light = KeptLight()
+    return memory.kept_light
+
+
 def _read(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint, problems: list[str]
 ) -> FrameInput:
@@ -294,7 +338,32 @@ def _read(
         seen_through=_seen_through(scene, problems),
         exposure=film_exposure(scene),
         capture_worth=LIT_ELSEWHERE_WORTH if _light_comes_along(scene) else CAPTURE_WORTH,
+        light=_read_light(scene, depsgraph, problems),
     )
+
+
+def _read_light(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, problems: list[str]
+) -> LightSettings | None:
+    """How lamps' light through the glasses is computed; None where it is not."""
+    settings = scene.refractive_glass
+    if settings.shadow != "LIGHT":
+        return None
+    if not has_light(scene):
+        problems.append(
+            "Workbench has no lamps whose light could fall through the glass: choose another "
+            "engine, or Straight as Shadow"
+        )
+        return None
+    problems += [
+        f'Glass "{obj.name}" casts a straight shadow beside that of the light through it: switch '
+        "off Casts Shadow"
+        for obj in glass_objects(rendered_layer(scene))
+        if has_input(glass_modifier(obj), "Casts Shadow")
+        and read_input(glass_modifier(obj), "Casts Shadow")
+    ]
+    emitters = read_emitters(depsgraph, scene.render.engine, problems)
+    return LightSettings(emitters, settings.light_rays, settings.light_softness)
 
 
 def _seen_through(scene: bpy.types.Scene, problems: list[str]) -> frozenset[str] | None:
@@ -336,6 +405,8 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
     pictures.write(result.known_alpha, "known alpha")
     height, width = result.spread.shape[:2]
     pictures.write(border_factors((width, height)), "border")
+    for number, light in enumerate(result.light):
+        pictures.write(light, number, "light")
     _match_views(scene, views)
     settings = zip(views, result.cameras, result.samples, result.far, result.curtains, strict=True)
     for view, camera, samples, far, curtain in settings:

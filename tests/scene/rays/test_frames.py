@@ -816,3 +816,23 @@ def test_a_view_that_was_drawn_smaller_and_is_needed_no_more_leaves_no_trace(tmp
     assert np.isfinite(found).all() and found[..., :3].max() < 2.0
     again = scenes.picture(scene, tmp_path, "again")
     np.testing.assert_array_equal(again, found)
+
+
+def test_a_picture_cropped_through_the_glass_is_that_part_of_the_whole(tmp_path):
+    """Ways end in the pixels beyond its border too, which it does not hold."""
+    scenes.camera()
+    _wall()
+    scene = _scene(64, 48)
+    scenes.glass(shape="CYLINDER")
+    whole = scenes.picture(scene, tmp_path)
+    render = scene.render
+    render.use_border = render.use_crop_to_border = True
+    render.border_min_x, render.border_max_x = 0.25, 0.5
+    render.border_min_y, render.border_max_y = 0.25, 0.5
+    part = scenes.picture(scene, tmp_path)
+    assert part.shape == (12, 16, 4)
+    assert _problems(scene) == []
+    off = np.abs(part - whole[12:24, 16:32])[..., :3]
+    assert np.median(off) < 1e-3
+    # Next to the border views have other captures.
+    assert off.mean() < 0.02

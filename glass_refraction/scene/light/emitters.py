@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lamps as eyes: places on them, what each sees of the glasses, and how much light it sends there.
+
+A lamp of a size is a square lattice of places. Each stands for a cell of the lamp, and is the same
+in every frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+
+from ..rays.lamps import lamp_is_normalised, lamp_power
+from ..read.viewpoint import Viewpoint
+
+LATTICE, LARGE_LATTICE = 3, 5
+"""Places along either side of a lamp's lattice; of one that is seen larger than `LARGE`."""
+LARGE = 0.03
+"""Half width of a lamp over its distance."""
+CELL = 0.5
+"""Standard deviation of the bell that stands for a cell, in cells: bells side by side are smooth to
+1.5 %, and sharper ones are not."""
+NEAR_COSINE = 0.25
+"""A lamp that sees a glass farther aside than this from its axis looks all round itself."""
+SHARPEST = 1e-4
+"""Least width of a spot's border, by cosines, as the engines have it."""
+WIDEST_SUN = np.radians(80.0)
+"""Half angle of a sun, at most."""
+FACES = np.array([[axis, np.roll(axis, 1)] for axis in (*np.eye(3), *-np.eye(3))])
+"""(6, 2, 3): directions of the faces of a cube, and one along each face."""
+
+
+@dataclass(frozen=True, eq=False)
+class Emitter:
+    """A lamp that lights matte surfaces.
+
+    Attributes
+    ----------
+    name : of its object.
+    power : (3,) by colour: irradiance across a sun's light, else what 1 steradian gets, W.
+    place : (3,) world. axes : (3, 3) unit columns; its light goes along the last one, reversed.
+    half : half its width along both axes: metres, of a sun the tangent of the half angle.
+    is_sun, is_round, is_flat : a flat one sends light by the cosine, on one side.
+    spot : cosine of the half angle and width of the border, by cosines; None: no spot.
+    """
+
+    name: str
+    power: np.ndarray
+    place: np.ndarray
+    axes: np.ndarray
+    half: tuple[float, float]
+    is_sun: bool = False
+    is_round: bool = True
+    is_flat: bool = False
+    spot: tuple[float, float] | None = None
+
+    def stamp(self) -> tuple:
+        """Where its light comes from; how much it is does not count."""
+        return self.place.tobytes(), self.axes.tobytes(), self.half, self.is_round
+
+    def side(self, towards: np.ndarray) -> int:
+        """Places along either side of its lattice, as seen from a place."""
+        if not any(self.half):
+            return 1
+        apart = 1.0 if self.is_sun else float(np.linalg.norm(towards - self.place))
+        return LARGE_LATTICE if max(self.half) > LARGE * apart else LATTICE
+
+    def lattice(self, side: int) -> np.ndarray:
+        """Places (side², 2) of the lattice in half widths, so far within that the bells round them
+        have the lamp's second moments."""
+        if side == 1:
+            return np.zeros((1, 2))
+        steps = (2.0 * np.arange(side) + 1.0) / side - 1.0
+        places = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+        if self.is_round:
+            places = on_disc(places)
+        wanted = 0.25 if self.is_round else 1.0 / 3.0
+        cell = (2.0 * CELL / side) ** 2
+        return places * np.sqrt(wanted / ((places**2).mean() + cell))
+
+    def facing(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Two unit vectors (3,) along which places on it are counted, as seen from a target."""
+        if self.is_sun or self.is_flat:
+            return self.axes[:, 0], self.axes[:, 1]
+        return across(_unit(target - self.place))
+
+    def places(self, offsets: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """World places (S, 3) of offsets (S, 2) in half widths; of a sun unit directions to it."""
+        right, up = self.facing(target)
+        away = offsets[:, :1] * self.half[0] * right + offsets[:, 1:] * self.half[1] * up
+        if self.is_sun:
+            return _unit(self.axes[:, 2] + away)
+        return self.place + away
+
+    def sent(self, directions: np.ndarray) -> np.ndarray:
+        """(N,) what it sends in unit directions (N, 3), over its power."""
+        ahead = -directions @ self.axes[:, 2]
+        if self.is_sun:
+            return np.ones(len(directions))
+        if self.is_flat:
+            return np.maximum(ahead, 0.0)
+        if self.spot is None:
+            return np.ones(len(directions))
+        cosine, border = self.spot
+        share = np.clip((ahead - cosine) / border, 0.0, 1.0)
+        return share * share * (3.0 - 2.0 * share)
+
+    def seen_from(self, points: np.ndarray, place: np.ndarray):
+        """Of one place of `places`: unit directions (N, 3) to it, metres (N,), and the irradiance
+        (N,) across them over its power."""
+        if self.is_sun:
+            count = len(points)
+            return np.broadcast_to(place, (count, 3)), np.full(count, np.inf), np.ones(count)
+        away = place - points
+        distance = np.sqrt(np.einsum("nk,nk->n", away, away))
+        directions = away / distance[:, None]
+        return directions, distance, self.sent(-directions) / distance**2
+
+    def eyes(
+        self, places: np.ndarray, corners: np.ndarray, centre: np.ndarray, back: float
+    ) -> list[list[Eye]]:
+        """What each of its places (S, 3) looks through to see all corners (C, 3).
+
+        Parameters
+        ----------
+        centre : the middle of the corners. back : metres before it that a sun's rays begin.
+        """
+        if not self.is_sun and self._is_near(places, corners, centre):
+            one = np.array([(-1.0, -1.0), (1.0, 1.0)])
+            return [[Eye(_looking(p, *face), one, 1.0) for face in FACES] for p in places]
+        views, planes, depths = [], [], []
+        for place in places:
+            if self.is_sun:
+                view = _looking(centre + back * place, -place, self.axes[:, 0], parallel=True)
+                local, depth = (corners - centre) @ view.to_camera[:3, :3].T, 1.0
+            else:
+                depth = float(np.linalg.norm(centre - place))
+                view = _looking(place, (centre - place) / depth, self.facing(centre)[0])
+                local = (corners - place) @ view.to_camera[:3, :3].T
+                local *= depth / -local[:, 2:]
+            views.append(view)
+            planes.append(local[:, :2])
+            depths.append(depth)
+        # The same frame for all: a place in it is the same place among the glasses.
+        low, high = (f(np.concatenate(planes), axis=0) for f in (np.min, np.max))
+        frame = np.array((low, high))
+        return [[Eye(view, frame, depth)] for view, depth in zip(views, depths, strict=True)]
+
+    def _is_near(self, places, corners, centre) -> bool:
+        """Whether glasses lie so far aside from the view to their middle that a cube is needed."""
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        if np.all((places > low) & (places < high), axis=1).any():
+            return True
+        for place in places:
+            if (_unit(corners - place) @ _unit(centre - place)).min() < NEAR_COSINE:
+                return True
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class Eye:
+    """A view from a place on a lamp, and the frame (2, 2) of its plane `depth` metres ahead, of a
+    sun's anywhere, that its pixels are to fill."""
+
+    view: Viewpoint
+    frame: np.ndarray
+    depth: float
+
+    def seeing(self, size: tuple[int, int], shift: np.ndarray) -> Viewpoint:
+        """The view with so many pixels, shifted by parts (2,) of one."""
+        low, high = self.frame + shift * np.ptp(self.frame, axis=0) / size
+        projection = np.zeros((4, 4))
+        projection[[0, 1], [0, 1]] = 2.0 * self.depth / (high - low)
+        middle = (high + low) / (high - low)
+        if self.view.is_parallel:
+            projection[:2, 3], projection[3, 3] = -middle, 1.0
+        else:
+            projection[:2, 2], projection[3, 2] = middle, -1.0
+        return replace(self.view, projection=projection, size=size, window=(0, 0, *size))
+
+    def cell(self, size: tuple[int, int]) -> np.ndarray:
+        """(2, 3): the sides of a pixel in its plane, metres."""
+        width, height = np.ptp(self.frame, axis=0) / size
+        right, up = self.view.to_camera[:2, :3]
+        return np.stack((width * right, height * up))
+
+    def share(self, size: tuple[int, int], directions: np.ndarray) -> np.ndarray:
+        """(N,) of pixels' rays in unit directions (N, 3): square metres of a sun's light across, or
+        steradians."""
+        one = float(np.prod(np.ptp(self.frame, axis=0) / self.depth)) / (size[0] * size[1])
+        if self.view.is_parallel:
+            return np.full(len(directions), one)
+        return one * (directions @ self.view.forward) ** 3
+
+
+def on_disc(places: np.ndarray) -> np.ndarray:
+    """Places (N, 2) of the square from −1 to 1 on the unit disc, areas kept in proportion.
+
+    P. Shirley and K. Chiu, A Low Distortion Map Between Disk and Square, 1997.
+    """
+    x, y = places.T
+    steep = np.abs(y) > np.abs(x)
+    radius = np.where(steep, y, x)
+    part = np.divide(np.where(steep, x, y), radius, out=np.zeros(len(x)), where=radius != 0.0)
+    angle = np.where(steep, 0.5 * np.pi - 0.25 * np.pi * part, 0.25 * np.pi * part)
+    return radius[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+
+
+def across(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors (3,) across a unit direction (3,) and each other."""
+    right = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    right /= np.linalg.norm(right)
+    return right, np.cross(right, direction)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def _looking(eye, forward, right, parallel: bool = False) -> Viewpoint:
+    right = _unit(right - (right @ forward) * forward)
+    rotation = np.stack((right, np.cross(right, forward), -forward))
+    to_camera = np.eye(4)
+    to_camera[:3, :3], to_camera[:3, 3] = rotation, -rotation @ eye
+    return Viewpoint(eye, to_camera, np.zeros((4, 4)), (1, 1), (0, 0, 1, 1), parallel)
+
+
+def read_emitters(
+    depsgraph: bpy.types.Depsgraph, engine: str, problems: list[str]
+) -> tuple[Emitter, ...]:
+    """The lamps whose light glasses turn aside; a line for each that cannot be taken as it is.
+
+    Lamps that cast no shadow shine through glasses as through all else.
+    """
+    found = []
+    for instance in depsgraph.object_instances:
+        obj = instance.object
+        if obj.type != "LIGHT" or not obj.data.use_shadow or not obj.visible_diffuse:
+            continue
+        emitter = emitter_of(
+            obj.data, np.array(instance.matrix_world, float), obj.original.name, engine
+        )
+        if not emitter.power.any():
+            continue
+        found.append(emitter)
+        if obj.data.use_nodes and _has_nodes(obj.data):
+            problems.append(
+                f'Lamp "{emitter.name}" has nodes, and its light through the glass is that of its '
+                "Power alone"
+            )
+    return tuple(found)
+
+
+def _has_nodes(light: bpy.types.Light) -> bool:
+    """Whether its nodes are more than what a new lamp's nodes are."""
+    kinds = sorted(node.bl_idname for node in light.node_tree.nodes) if light.node_tree else []
+    return kinds not in ([], ["ShaderNodeEmission", "ShaderNodeOutputLight"])
+
+
+def emitter_of(light: bpy.types.Light, to_world: np.ndarray, name: str, engine: str) -> Emitter:
+    """A lamp as the engine has it; see `rays.lamps` for its power."""
+    scale = np.linalg.norm(to_world[:3, :3], axis=0)
+    axes = to_world[:3, :3] / np.where(scale > 0.0, scale, 1.0)
+    power = lamp_power(light)
+    if engine != "CYCLES":
+        power = power * float(light.diffuse_factor)
+    normalised = lamp_is_normalised(light)
+    place = to_world[:3, 3]
+    if light.type == "SUN":
+        tangent = float(np.tan(min(0.5 * light.angle, WIDEST_SUN)))
+        if not normalised and tangent:
+            power = power * np.pi * np.sin(0.5 * light.angle) ** 2
+        return Emitter(name, power, place, axes, (tangent, tangent), is_sun=True)
+    if light.type == "AREA":
+        wide = float(light.size)
+        high = float(light.size_y) if light.shape in {"RECTANGLE", "ELLIPSE"} else wide
+        half = 0.5 * wide * float(scale[0]), 0.5 * high * float(scale[1])
+        is_round = light.shape in {"DISK", "ELLIPSE"}
+        area = half[0] * half[1] * (np.pi if is_round else 4.0)
+        power = power / np.pi * (1.0 if normalised else area)
+        return Emitter(name, power, place, axes, half, is_round=is_round, is_flat=True)
+    radius = float(light.shadow_soft_size)
+    power = power / (4.0 * np.pi) if normalised else power * radius**2
+    spot = None
+    if light.type == "SPOT":
+        cosine = float(np.cos(0.5 * light.spot_size))
+        spot = cosine, max((1.0 - cosine) * float(light.spot_blend), SHARPEST)
+    return Emitter(name, power, place, axes, (radius, radius), spot=spot)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Shadows and caustics: what glasses change in the light that lamps give to all that views show.
+
+The user's engine lights everything as though there were no glass. In each pixel of each view the
+light is known that would come straight and does not, and the light that comes by glasses. Their
+difference, times the part that a surface sends back, is added to the view's picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..progress import check, tell
+from ..rays.caster import Caster, cast_past
+from ..rays.curtain import looked_up
+from ..rays.follow import CONTACT, Follower, Kept
+from ..rays.hits import Scene, Views
+from ..rays.views import RadianceView
+from ..read.viewpoint import Viewpoint
+from .density import BESIDE, Seen, density
+from .emitters import Emitter
+from .landed import follow_light, grids
+
+
+@dataclass(frozen=True)
+class LightSettings:
+    """How light through glasses is computed.
+
+    Attributes
+    ----------
+    emitters : the lamps. rays : of each, about. softness : of its bells.
+    """
+
+    emitters: tuple[Emitter, ...]
+    rays: int
+    softness: float
+
+
+@dataclass
+class KeptLight:
+    """What earlier frames followed, by lamp and view of it."""
+
+    lamps: dict[str, dict[int, Kept]] = field(default_factory=dict)
+
+
+class _PastLamps:
+    """A caster that lamps do not stand in the way of: their own light comes through them."""
+
+    def __init__(self, caster: Caster, is_lamp: np.ndarray, skin: float) -> None:
+        self._caster, self._counts, self._skin = caster, ~is_lamp, skin
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `Caster.cast`."""
+        return cast_past(self._caster, self._counts, self._skin, origins, directions)
+
+
+def light_maps(
+    settings: LightSettings,
+    scene: Scene,
+    views: Views,
+    places: Sequence[np.ndarray],
+    follower: Follower,
+    boxes: list[np.ndarray],
+    sigma_px: float,
+    kept: KeptLight,
+) -> tuple[np.ndarray, ...]:
+    """What is added to the radiance of white matte surfaces in each view's picture.
+
+    Parameters
+    ----------
+    places : (K, 2) pixels of each that are looked up; of the first one all are seen.
+    follower : the picture's, for its glasses. boxes : corners (8, 3) of each glass's box.
+    sigma_px : standard deviation of the pixel filter.
+
+    Returns
+    -------
+    (height, width, 3) for each view; a pixel for one that is None or of the sky.
+    """
+    found = [np.zeros(_shape(view)) for view in views]
+    if not (boxes and settings.emitters):
+        return tuple(found)
+    corners = np.concatenate(boxes)
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    reach = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    skin = CONTACT * reach
+    things = scene.things
+    is_lamp = np.array([look.is_lamp for look in things.looks], bool)[things.surface]
+    caster = _PastLamps(scene.caster, is_lamp, skin)
+    # In large steps: ways are kept while it stays, though things move.
+    back = reach * 2.0 ** np.ceil(np.log2(1.0 + _farthest(things.points, middle) / reach))
+
+    def follower_of(view: Viewpoint, known: Kept) -> Follower:
+        found = replace(follower, view=view, caster=caster, kept=known, through=None)
+        glasses = follower.kept.stamp[1:]
+        known.match((view.stamp(), *glasses))
+        return found
+
+    seen = {}
+    for number, view in enumerate(views):
+        if view is not None and not view.sky_only:
+            used = looked_up(view, places[number]) if number else None
+            seen[number] = _seen(view, used, scene, caster, middle)
+    names = {emitter.name for emitter in settings.emitters}
+    kept.lamps = {name: known for name, known in kept.lamps.items() if name in names}
+    for emitter in settings.emitters:
+        tell(f'following the light of "{emitter.name}"')
+        grid = grids(emitter, boxes, settings.rays, back)
+        known = kept.lamps.setdefault(emitter.name, {})
+        landed = follow_light(emitter, grid, scene, follower_of, known, settings.softness, reach)
+        for number, one in seen.items():
+            found[number] += density(landed, one, sigma_px) * (emitter.power / np.pi)
+    return tuple(found)
+
+
+def _shape(view: RadianceView | None) -> tuple[int, int, int]:
+    if view is None or view.sky_only:
+        return 1, 1, 3
+    x0, y0, x1, y1 = view.picture
+    return y1 - y0, x1 - x0, 3
+
+
+def _farthest(points: np.ndarray, middle: np.ndarray) -> float:
+    """Metres from the middle to the farthest corner of a box round all points."""
+    if not len(points):
+        return 0.0
+    box = np.array((points.min(axis=0), points.max(axis=0))) - middle
+    return float(np.linalg.norm(np.abs(box).max(axis=0)))
+
+
+def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps, middle: np.ndarray) -> Seen:
+    """What the middles of a picture's pixels show."""
+    check()
+    shape = _shape(view)
+    (height, width, _), (x0, y0, *_) = shape, view.picture
+    y, x = np.divmod(np.arange(width * height), width)
+    origins, directions = view.rays(np.stack((x + x0 + 0.5, y + y0 + 0.5), axis=1))
+    way, triangle = caster.cast(origins, directions)
+    met = np.flatnonzero(triangle >= 0)
+    points = np.full((len(way), 3), BESIDE, np.float32)
+    points[met] = origins[met] + way[met, None] * directions[met] - middle
+    normals = np.zeros((len(way), 3), np.float32)
+    normal = scene.normals[triangle[met]]
+    side = np.sign(np.einsum("nk,nk->n", normal, directions[met]))
+    normals[met] = -side[:, None] * normal
+    return Seen(view, used, middle, points.reshape(shape), normals.reshape(shape))

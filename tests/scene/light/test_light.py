@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Light through the glass in whole pictures: against closed forms, plain Snell and itself."""
+
+import itertools
+
+import bpy
+import numpy as np
+import pytest
+import scenes
+
+from glass_refraction.optics import fresnel
+from glass_refraction.scene import update as door
+from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.memory import counters
+from glass_refraction.scene.rays import frame as frames
+from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import write_input
+
+TINT = np.array([0.9, 0.5, 0.2])
+
+
+def _diffuse(reflectance=1.0):
+    material = bpy.data.materials.new("White")
+    tree = material.node_tree
+    tree.nodes.clear()
+    diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
+    diffuse.inputs["Color"].default_value = (*(reflectance,) * 3, 1.0)
+    end = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(diffuse.outputs[0], end.inputs["Surface"])
+    return material
+
+
+def _lamp(kind, location=(0.0, 0.0, 2.0), tilt=0.0, **values):
+    data = bpy.data.lights.new("Lamp", kind)
+    for name, value in values.items():
+        setattr(data, name, value)
+    obj = bpy.data.objects.new("Lamp", data)
+    obj.location, obj.rotation_euler = location, (0.0, tilt, 0.0)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def _floor(width=60, height=45, wide=0.4, size=4.0, **settings):
+    """A white floor seen squarely from 3 m above, by direct light alone."""
+    camera = scenes.camera(location=(0.0, 0.0, 3.0), tilt=0.0, type="ORTHO", ortho_scale=wide)
+    camera.data.clip_end = 10.0
+    bpy.ops.mesh.primitive_plane_add(size=size)
+    bpy.context.object.data.materials.append(_diffuse())
+    scene = scenes.settings(width, height, samples=4, shading="TRUE", **settings)
+    scene.eevee.taa_render_samples = 4
+    scene.world = None
+    scene.cycles.max_bounces = 0
+    scene.refractive_glass.light_rays = 20_000
+    return scene
+
+
+def _both(scene, folder):
+    """The picture without and with what glasses do to the light."""
+    scene.refractive_glass.shadow = "STRAIGHT"
+    plain = scenes.picture(scene, folder, "plain")
+    scene.refractive_glass.shadow = "LIGHT"
+    return plain, scenes.picture(scene, folder, "lit")
+
+
+def _pane(height=0.5, radius=0.5, thickness=0.01):
+    obj = scenes.glass(shape="SLAB", radius=radius, wall_thickness=thickness, ior=1.5)
+    # Not before the camera: what is seen through it is tested elsewhere.
+    obj.location.z = height
+    return obj
+
+
+def _slab_transmittance(cosine, depth=0.0):
+    """Of all ways through a slab together: (1 − F)² a / (1 − F² a²), a = exp(−depth)."""
+    reflected, left = fresnel(cosine, 1 / 1.5), np.exp(-depth)
+    return (1 - reflected) ** 2 * left / (1 - (reflected * left) ** 2)
+
+
+# ------------------------------------------------------------------------------------ closed forms
+
+
+@pytest.mark.parametrize(
+    ("engine", "angle"), [("CYCLES", 0.0), ("CYCLES", 1.1), ("BLENDER_EEVEE", 0.6)]
+)
+def test_a_panes_shadow_is_what_fresnel_and_beer_leave(tmp_path, engine, angle):
+    scene = _floor(min_weight=1e-3)
+    scene.render.engine = engine
+    # Below the pane, whose shadow is in the picture; what its narrow sides turn aside falls beside.
+    scene.camera.location.z = 0.4
+    pane = _pane()
+    pane.location.x = 0.5 * np.tan(angle) + 0.1
+    modifier = glass_modifier(pane)
+    write_input(modifier, "Absorption Color", (*TINT, 1.0))
+    write_input(modifier, "Absorption Distance", 0.01)
+    _lamp("SUN", tilt=angle, angle=0.02, energy=np.pi / np.cos(angle))
+    plain, lit = _both(scene, tmp_path)
+    np.testing.assert_allclose(plain[..., :3], 1.0, atol=0.01)
+    inside = np.sqrt(1 - (np.sin(angle) / 1.5) ** 2)
+    expected = _slab_transmittance(np.cos(angle), -np.log(TINT) / inside)
+    left = lit[..., :3] / plain[..., :3].mean()
+    np.testing.assert_allclose(left.mean(axis=(0, 1)), expected, rtol=4e-3)
+    assert np.abs(left - expected).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("engine", "kind", "values"),
+    [
+        ("CYCLES", "POINT", {"shadow_soft_size": 0.0}),
+        ("CYCLES", "SPOT", {"shadow_soft_size": 0.02, "spot_size": 0.6, "spot_blend": 0.4}),
+        ("CYCLES", "AREA", {"shape": "DISK", "size": 0.4}),
+        ("BLENDER_EEVEE", "AREA", {"shape": "RECTANGLE", "size": 0.1, "size_y": 0.3}),
+    ],
+)
+def test_every_kind_of_lamp_gives_what_its_engine_gives(tmp_path, engine, kind, values):
+    scene = _floor(min_weight=1e-3)
+    scene.render.engine = engine
+    scene.cycles.samples = 64
+    scene.camera.location.z = 0.4
+    _pane(thickness=1e-3)
+    place = np.array((0.2, 0.1, 1.5))
+    _lamp(kind, place, tilt=0.1, energy=30.0, **values)
+    plain, lit = _both(scene, tmp_path)
+    row, column = np.mgrid[:45, :60]
+    x, y = (column - 29.5) * 0.4 / 60, (row - 22) * 0.4 / 60
+    cosine = place[2] / np.sqrt((x - place[0]) ** 2 + (y - place[1]) ** 2 + place[2] ** 2)
+    expected = _slab_transmittance(cosine.ravel()).reshape(cosine.shape)
+    bright = plain[..., 1] > 0.5 * plain[..., 1].max()
+    assert bright.mean() > 0.3
+    ratio = lit[bright][:, 1] / plain[bright][:, 1] / expected[bright]
+    assert abs(ratio.mean() - 1.0) < 0.01
+    # The pane's narrow sides throw faint streaks.
+    assert np.quantile(np.abs(ratio - 1.0), 0.95) < 0.02
+
+
+RADIUS, IOR = 0.05, 1.5
+
+
+def _ball_light(depth, half_angle, edges, count=1_000_000):
+    """Irradiance by rings on a floor ``depth`` below a ball's centre: by plain Snell and chance."""
+    rng = np.random.default_rng(5)
+    aside = RADIUS * np.sqrt(rng.random(count))
+    turn = 2 * np.pi * rng.random((2, count))
+    slope = np.tan(half_angle) * np.sqrt(rng.random(count))
+    along = np.stack((slope * np.cos(turn[0]), slope * np.sin(turn[0]), -np.ones(count)), axis=1)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    place = np.stack((aside * np.cos(turn[1]), aside * np.sin(turn[1]), np.zeros(count)), axis=1)
+    back = (place * along).sum(axis=1)
+    inner = back**2 - (place**2).sum(axis=1) + RADIUS**2
+    meets = inner > 0.0
+    along = along[meets]
+    place = place[meets] + along * (-back[meets] - np.sqrt(inner[meets]))[:, None]
+    light = np.full(len(place), np.pi * RADIUS**2 / count)
+    sums = np.zeros(len(edges) - 1)
+
+    def land(directions, lights):
+        down = directions[:, 2] < -1e-9
+        way = -(place[down, 2] + depth) / directions[down, 2]
+        there = place[down, :2] + way[:, None] * directions[down, :2]
+        sums[:] += np.histogram(np.hypot(*there.T), edges, weights=lights[down])[0]
+
+    normal = place / RADIUS
+    cosine = -(along * normal).sum(axis=1)
+    mirrored = fresnel(cosine, 1 / IOR)
+    land(along + 2 * cosine[:, None] * normal, light * mirrored)
+    inside = np.sqrt(1 - (1 - cosine**2) / IOR**2)
+    along = along / IOR + (cosine / IOR - inside)[:, None] * normal
+    light = light * (1 - mirrored)
+    for _ in range(8):
+        place = place - 2 * (place * along).sum(axis=1)[:, None] * along
+        normal = -place / RADIUS
+        inner = -(along * normal).sum(axis=1)
+        outer = np.sqrt(np.maximum(1 - IOR**2 * (1 - inner**2), 0.0))
+        land(along * IOR + (IOR * inner - outer)[:, None] * normal, light * (1 - mirrored))
+        light = light * mirrored
+        along = along + 2 * inner[:, None] * normal
+    return sums / (np.pi * np.diff(edges**2))
+
+
+@pytest.mark.parametrize("depth", [0.055, 0.09, 0.16])
+def test_a_ball_gathers_light_as_snell_says(tmp_path, monkeypatch, depth):
+    """Before, near and behind its focus, n R / 2 (n − 1) = 75 mm below its centre."""
+    scene = _floor(160, 160, wide=0.15, min_weight=2e-3)
+    scene.refractive_glass.light_rays = 80_000
+    ball = scenes.glass(shape="SPHERE", radius=RADIUS, wall_thickness=0.0, ior=IOR)
+    ball.location.z = depth
+    half = np.radians(0.5)
+    _lamp("SUN", angle=2 * half, energy=np.pi)
+    maps = _maps(monkeypatch)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    row, column = np.mgrid[:160, :160]
+    ring = np.hypot(row - 79.5, column - 79.5) * 0.15 / 160
+    edges = np.concatenate((np.linspace(0.0, 0.046, 12), np.linspace(0.056, 0.074, 5)))
+    ours = np.array(
+        [maps[0][0][(ring >= a) & (ring < b)].mean() for a, b in itertools.pairwise(edges)]
+    )
+    expected = _ball_light(depth, half, edges)
+    expected[edges[1:] <= RADIUS - 0.003] -= 1.0
+    clear = np.ones(len(ours), bool)
+    # Between lies the edge of the straight shadow.
+    clear[11] = False
+    assert np.abs(ours - expected)[clear].mean() < 0.03 * np.abs(expected[clear]).mean()
+    assert np.abs(ours - expected)[clear & (edges[:-1] > 0.008)].max() < 0.1
+
+
+def _maps(monkeypatch):
+    """What every frame adds to the light of white surfaces, over π; the last frame's last."""
+    found = []
+    computed = frames.light_maps
+
+    def keep(*given):
+        found.append(computed(*given))
+        return found[-1]
+
+    monkeypatch.setattr(frames, "light_maps", keep)
+    return found
+
+
+# --------------------------------------------------------------------------------------------- laws
+
+
+def test_in_a_closed_box_all_light_that_is_taken_is_put(monkeypatch, tmp_path):
+    from glass_refraction.scene.light import light as module
+
+    landed = []
+    follow = module.follow_light
+
+    def keep(*given):
+        landed.append(follow(*given))
+        return landed[-1]
+
+    monkeypatch.setattr(module, "follow_light", keep)
+    scenes.camera(location=(0.0, -0.4, 0.1))
+    bpy.ops.mesh.primitive_cube_add(size=1.0)
+    bpy.context.object.data.materials.append(_diffuse())
+    scenes.glass(shape="CYLINDER", radius=0.04)
+    rod = scenes.glass(shape="ROD", radius=0.02)
+    rod.location.x = 0.1
+    _lamp("POINT", (0.2, 0.1, 0.35), shadow_soft_size=0.02)
+    _lamp("AREA", (-0.1, -0.2, 0.4), size=0.1)
+    scene = scenes.settings(32, 24, shading="TRUE", shadow="LIGHT")
+    scenes.picture(scene, tmp_path)
+    assert len(landed) == 2
+    for found in landed:
+        light = found.flux.sum(axis=1)
+        taken, put = -light[light < 0.0].sum(), light[light > 0.0].sum()
+        assert taken > 0.0
+        assert abs(put / taken - 1.0) < 5e-3
+
+
+def test_bells_bring_all_their_light_to_the_pixels(monkeypatch, tmp_path):
+    """A ball's whole light on a floor: what it adds in the picture is what it takes, but for what
+    it sends up."""
+    scene = _floor(96, 96, wide=1.2)
+    ball = scenes.glass(shape="SPHERE", radius=RADIUS, wall_thickness=0.0, ior=IOR)
+    ball.location.z = 0.1
+    _lamp("SUN", angle=0.01, energy=np.pi)
+    maps = _maps(monkeypatch)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    expected = _ball_light(0.1, 0.005, np.array((0.0, 0.6)))[0] * np.pi * 0.36
+    added = maps[-1][0][..., 0].sum() * (1.2 / 96) ** 2 + np.pi * RADIUS**2
+    assert added == pytest.approx(expected, rel=0.005)
+
+
+# ------------------------------------------------------------------------------ switched on and off
+
+
+def test_when_off_nothing_of_it_is_there(tmp_path):
+    scene = _floor()
+    _pane()
+    _lamp("SUN", energy=np.pi)
+    layer = scene.view_layers[0]
+    before = scenes.picture(scene, tmp_path)
+    assert not layer.use_pass_diffuse_color
+    done, images = counters.copy(), len(bpy.data.images)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    assert layer.use_pass_diffuse_color
+    assert len(bpy.data.images) > images
+    scene.refractive_glass.shadow = "STRAIGHT"
+    np.testing.assert_array_equal(scenes.picture(scene, tmp_path), before)
+    assert not layer.use_pass_diffuse_color
+    captures = find_own_scenes(scene, ("capture",))
+    assert not any(c.view_layers[0].use_pass_diffuse_color for c in captures)
+    assert counters["structures"] == done["structures"] + 2
+    done = counters.copy()
+    scenes.picture(scene, tmp_path)
+    assert counters["structures"] == done["structures"]
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_the_users_own_pass_is_left_as_it_is(kept):
+    scene = _floor()
+    _pane()
+    layer = scene.view_layers[0]
+    layer.use_pass_diffuse_color = kept
+    scene.refractive_glass.shadow = "LIGHT"
+    door.prepare(scene, scenes.depsgraph())
+    assert layer.use_pass_diffuse_color
+    door.remove(scene)
+    assert layer.use_pass_diffuse_color == kept
+
+
+def test_a_glass_that_goes_takes_its_light_along(tmp_path):
+    scene = _floor(32, 24)
+    scene.refractive_glass.shadow = "LIGHT"
+    scene.camera.location.z = 0.4
+    _lamp("SUN", energy=np.pi)
+    glass = _pane()
+    scenes.glass(shape="ROD", radius=0.01).location = (5.0, 0.0, 0.0)
+    scenes.key(glass, "hide_render", [False, True, False])
+    found = []
+    for frame in scenes.FRAMES:
+        scene.frame_set(frame)
+        found.append(scenes.picture(scene, tmp_path)[..., :3].mean())
+    assert found[0] == pytest.approx(found[2])
+    assert found[0] < 0.95 < found[1]
+
+
+@pytest.mark.parametrize("moves", ["thing", "lamp", "glass"])
+def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, moves):
+    scene = _floor(32, 24)
+    scene.refractive_glass.light_rays = 5000
+    scene.refractive_glass.shadow = "LIGHT"
+    glass = scenes.glass(shape="ROD", radius=0.03)
+    lamp = _lamp("AREA", (0.3, 0.0, 0.5), tilt=0.5, size=0.1, energy=5.0)
+    bpy.ops.mesh.primitive_cube_add(size=0.03, location=(-0.1, 0.0, 0.05))
+    thing = bpy.context.object
+    thing.data.materials.append(_diffuse(0.5))
+    moved = {"thing": thing, "lamp": lamp, "glass": glass}[moves]
+    steps = np.array([(0.0, 0.0, 0.0), (0.0, 0.02, 0.0), (0.02, 0.0, 0.01)])
+    scenes.key(moved, "location", np.array(moved.location) + steps)
+    together = []
+    for frame in scenes.FRAMES:
+        scene.frame_set(frame)
+        together.append(scenes.picture(scene, tmp_path))
+    for frame, found in zip(scenes.FRAMES, together, strict=True):
+        door.forget(scene)
+        scene.frame_set(frame)
+        np.testing.assert_array_equal(scenes.picture(scene, tmp_path), found)
+    assert np.abs(together[0] - together[2]).max() > 0.01
+
+
+def test_ways_are_followed_once_while_lamp_and_glass_stay(tmp_path):
+    scene = _floor(32, 24)
+    scene.refractive_glass.light_rays = 5000
+    scene.refractive_glass.shadow = "LIGHT"
+    _pane()
+    _lamp("SUN", angle=0.01)
+    scenes.picture(scene, tmp_path)
+    followed = counters["exit_rays"]
+    scenes.picture(scene, tmp_path)
+    # The picture's own finer rays are kept too.
+    assert counters["exit_rays"] == followed
+
+
+# ------------------------------------------------------------------------------------- what is told
+
+
+def test_workbench_says_that_it_has_no_lamps(tmp_path):
+    scene = _floor()
+    _pane()
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    assert any("no lamps" in problem for problem in door.status(scene).problems)
+    assert not scene.view_layers[0].use_pass_diffuse_color
+
+
+def test_a_straight_shadow_beside_the_light_is_told(tmp_path):
+    scene = _floor(16, 12)
+    pane = _pane()
+    write_input(glass_modifier(pane), "Casts Shadow", True)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    assert any("Casts Shadow" in problem for problem in door.status(scene).problems)
+
+
+def test_a_lamp_that_casts_no_shadow_shines_through(tmp_path):
+    scene = _floor()
+    _pane()
+    _lamp("SUN", energy=np.pi, use_shadow=False)
+    plain, lit = _both(scene, tmp_path)
+    np.testing.assert_array_equal(plain, lit)
+    assert door.status(scene).problems == []
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.06), (0.0, 0.0, 0.11), (0.0, 0.0, 0.0)])
+def test_a_lamp_in_or_on_a_glass_lights_what_is_round_it(tmp_path, place):
+    scene = _floor(32, 24)
+    glass = scenes.glass(shape="CYLINDER", radius=0.04, height=0.1)
+    glass.location.z = 0.01
+    _lamp("POINT", place, shadow_soft_size=0.005, energy=1.0)
+    _, lit = _both(scene, tmp_path)
+    assert np.isfinite(lit).all()
+    assert door.status(scene).problems == []
