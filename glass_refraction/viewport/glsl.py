@@ -1097,27 +1097,6 @@ bool is_seen(int slot, vec3 p)
 
 bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
 
-/* Whether a ray runs through one of some boxes of things within its reach. */
-bool meets_boxes(int first, int count, vec3 p, vec3 d, float reach)
-{
-  for (int k = 0; k < count; k++) {
-    int at = first + THING_ROWS * k;
-    vec4 h = vec4(p, 1.0);
-    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
-    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
-    v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
-    vec3 one = (-BOX_MARGIN - o) / v;
-    vec3 two = (BOX_MARGIN - o) / v;
-    vec3 enter = min(one, two), leave_ = max(one, two);
-    float low = max(max(enter.x, enter.y), max(enter.z, 0.0));
-    float high = min(min(leave_.x, leave_.y), min(leave_.z, reach));
-    if (low <= high) {
-      return true;
-    }
-  }
-  return false;
-}
-
 bool shows_thing(int slot, vec3 d)
 {
   float side = capture_at(slot).w;
@@ -1307,6 +1286,27 @@ bool in_thing(int g, vec3 p)
     vec4 h = vec4(p, 1.0);
     vec3 q = abs(vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h)));
     if (max(max(q.x, q.y), q.z) < BOX_MARGIN) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/* Whether a ray runs through one of some boxes of things within its reach. */
+bool meets_boxes(int first, int count, vec3 p, vec3 d, float reach)
+{
+  for (int k = 0; k < count; k++) {
+    int at = first + THING_ROWS * k;
+    vec4 h = vec4(p, 1.0);
+    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
+    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
+    v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
+    vec3 one = (-BOX_MARGIN - o) / v;
+    vec3 two = (BOX_MARGIN - o) / v;
+    vec3 enter = min(one, two), leave_ = max(one, two);
+    float low = max(max(enter.x, enter.y), max(enter.z, 0.0));
+    float high = min(min(leave_.x, leave_.y), min(leave_.z, reach));
+    if (low <= high) {
       return true;
     }
   }
