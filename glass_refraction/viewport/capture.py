@@ -451,23 +451,23 @@ class Box:
 
     def lies_between(self, one: np.ndarray, places: np.ndarray) -> np.ndarray:
         """(N,) whether the box is met on the straight way from one place to each of (N, 3)."""
-        start = self.to_box[:3, :3] @ one + self.to_box[:3, 3]
-        way = (places - one) @ self.to_box[:3, :3].T
-        way = np.where(np.abs(way) < LEAST_HALF, LEAST_HALF, way)
-        ends = np.stack(((-self.half - start) / way, (self.half - start) / way))
-        enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        enter, leave = self._crossed(one, places - one)
         return np.maximum(enter, 0.0) <= np.minimum(leave, 1.0)
 
     def way_from(self, one: np.ndarray, along: np.ndarray) -> float:
         """Metres from a place (3,) along a unit direction to the box's surface; inf: not met."""
-        start = self.to_box[:3, :3] @ one + self.to_box[:3, 3]
-        way = self.to_box[:3, :3] @ along
-        way = np.where(np.abs(way) < LEAST_HALF, LEAST_HALF, way)
-        ends = np.stack(((-self.half - start) / way, (self.half - start) / way))
-        enter, leave = float(ends.min(axis=0).max()), float(ends.max(axis=0).min())
+        enter, leave = (float(part[0]) for part in self._crossed(one, along[None]))
         if leave < max(enter, 0.0):
             return np.inf
         return enter if enter > 0.0 else leave
+
+    def _crossed(self, one: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) twice: parts of ways (N, 3) from a place at which they enter and leave the box."""
+        start = self.to_box[:3, :3] @ one + self.to_box[:3, 3]
+        way = ways @ self.to_box[:3, :3].T
+        way = np.where(np.abs(way) < LEAST_HALF, LEAST_HALF, way)
+        ends = np.stack(((-self.half - start) / way, (self.half - start) / way))
+        return ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
 
     def unit(self) -> np.ndarray:
         """(4, 4): from the world to a frame in which the box runs from -1 to 1."""

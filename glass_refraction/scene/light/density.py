@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..progress import check
+from ..rays.columns import Columns
 from ..rays.curtain import BLOCK_PX
 from ..rays.views import RadianceView
 from .landed import Landed, ellipse
@@ -79,7 +80,7 @@ def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Bells:
+class _Bells(Columns):
     """Bells of a view, each with its pixels.
 
     `pixel`: (K, 2) from the picture's lower left. `place`: (K, 3) from the middle. `plane`:
@@ -94,9 +95,6 @@ class _Bells:
     light: np.ndarray
     reach: np.ndarray
     level: np.ndarray
-
-    def take(self, which: np.ndarray) -> _Bells:
-        return _Bells(*(part[which] for part in vars(self).values()))
 
 
 def _seen_bells(landed: Landed, seen: Seen, sigma_px: float) -> _Bells:

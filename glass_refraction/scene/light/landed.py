@@ -17,7 +17,7 @@ import numpy as np
 
 from ..progress import check
 from ..rays.caster import Caster
-from ..rays.columns import joined
+from ..rays.columns import Columns, joined
 from ..rays.exits import Neighbours, PictureRays, centre_rays, grid, neighbours, together
 from ..rays.follow import Follower, Kept
 from ..rays.hits import Scene, Ways
@@ -46,7 +46,7 @@ LEAST_LENGTH = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
-class Landed:
+class Landed(Columns):
     """Light on surfaces, each row a bell.
 
     Attributes
@@ -63,10 +63,6 @@ class Landed:
     major: np.ndarray
     minor: np.ndarray
     strength: np.ndarray
-
-    def take(self, which: np.ndarray) -> Landed:
-        """Some of them, by their numbers."""
-        return Landed(*(part[which] for part in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
