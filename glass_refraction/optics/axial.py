@@ -284,10 +284,17 @@ def nearest(
     met = np.full(len(rays.place[0]), -1, dtype=np.intp)
     least = np.full(len(met), np.inf)
     marks = np.zeros(len(met))
-    # Profiles last: what lies behind another interface need not be looked for on them.
+    # Many faces and profiles last: what lies behind another interface need not be looked for there.
+    fence = None
     for number, interface in sorted(glass.around(medium), key=lambda part: _costs(part[1])):
-        surface, back = interface.surface, interface.back == medium
-        spot = None
+        surface, back, spot = interface.surface, interface.back == medium, None
+        if isinstance(surface, Side):
+            # All faces of a fence at once; they are numbered one behind another.
+            if surface.fence is not fence:
+                fence = surface.fence
+                at, face, way = fence.meet(rays, back, least)
+                met[at], least[at] = number + face, way
+            continue
         if isinstance(surface, Profile):
             way, ahead, (_, spot) = surface.meet_at(rays, back, limit=least)
         else:
@@ -307,7 +314,9 @@ def nearest(
 def _costs(interface: Interface) -> int:
     """How much there is to look through for a meeting."""
     surface = interface.surface
-    return surface.chords.shape[1] if isinstance(surface, Profile) else 0
+    if isinstance(surface, Profile):
+        return surface.chords.shape[1]
+    return int(isinstance(surface, Side))
 
 
 def follow(

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from .axial import AxialGlass, BoundedGlass, Interface
 from .glasses import CylinderGlass, FlatGlass, Glass, SphereGlass
-from .surfaces import Cylinder, Lid, Plane, Shell, Side, anticlockwise, in_polygon
+from .outlines import Outline
+from .surfaces import Cylinder, Fence, Lid, Plane, Shell, Side, anticlockwise
 
 
 def body(glass: Glass | BoundedGlass) -> BoundedGlass | None:
@@ -82,10 +83,11 @@ class Prism(BoundedGlass):
         return tuple(range(len(self.interfaces)))
 
     @cached_property
-    def _outline(self) -> tuple[tuple[float, float], ...]:
+    def _outline(self) -> Outline:
         """Anticlockwise, in units of `scale`."""
         corners = anticlockwise(np.asarray(self.glass.outline) / self.scale)
-        return tuple((float(x), float(y)) for x, y in corners)
+        differs = (corners != np.roll(corners, 1, axis=0)).any(axis=1)
+        return Outline(tuple((float(x), float(y)) for x, y in corners[differs]))
 
     @cached_property
     def interfaces(self) -> tuple[Interface, ...]:
@@ -95,12 +97,11 @@ class Prism(BoundedGlass):
             Interface(f"interface {i}", Lid(z, outline=self._outline), *media[i : i + 2])
             for i, z in enumerate(heights)
         ]
-        ends = (*self._outline[1:], self._outline[0])
         for layer, (high, low) in enumerate(pairwise(heights)):
-            for number, (begin, end) in enumerate(zip(self._outline, ends, strict=True)):
-                if begin != end:
-                    face = Side(begin, end, low, high)
-                    found.append(Interface(f"side {layer} {number}", face, 0, layer + 1))
+            fence = Fence(self._outline, low, high)
+            for number, (begin, end) in enumerate(self._outline.sides):
+                face = Side(begin, end, fence)
+                found.append(Interface(f"side {layer} {number}", face, 0, layer + 1))
         return tuple(found)
 
     @property
@@ -112,7 +113,7 @@ class Prism(BoundedGlass):
         x, y, _ = np.moveaxis(points / self.scale, -1, 0)
         medium = self.glass.medium_at(points)
         layers = len(self.glass.ior)
-        within = np.where(in_polygon(self._outline, x, y), medium, 0)
+        within = np.where(self._outline.holds(x, y), medium, 0)
         return np.where(medium > layers, self._below, within)
 
 

@@ -15,9 +15,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .outlines import Outline
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -27,6 +30,9 @@ SKIN = 1e-12
 
 HORIZON = 1e9
 """Way in outer radii beyond which a plane is not met."""
+
+TOGETHER = 16_384
+"""Pairs of a ray and a face that are looked at together: their arrays fit a core's cache."""
 
 GRAZING = 1e-7
 """Angle in radians, seen from the axis, that a patch keeps from grazing incidence."""
@@ -259,50 +265,109 @@ class Plane:
 
 @dataclass(frozen=True)
 class Lid(Plane):
-    """A plane across the axis, of which a polygon (K, 2) belongs to it; the radii do not count."""
+    """A plane across the axis, of which a polygon belongs to it; the radii do not count."""
 
     inner: float = 0.0
     outer: float = math.inf
-    outline: tuple[tuple[float, float], ...] = ()
+    outline: Outline | None = None
 
     def within(self, x, y, z) -> Flags:
-        return in_polygon(self.outline, x, y)
+        return self.outline.holds(x, y)
+
+
+@dataclass(frozen=True)
+class Fence:
+    """All upright faces of a layer: an outline, from z = `low` to `high`."""
+
+    outline: Outline
+    low: float
+    high: float
+
+    @cached_property
+    def _faces(self) -> tuple[Floats, ...]:
+        """Of each face, as columns (K, 1): begin, unit vector from there, and length."""
+        begin, end = np.moveaxis(np.array(self.outline.sides), 1, 0)
+        length = np.hypot(*(end - begin).T)
+        along = (end - begin) / length[:, None]
+        return tuple(part[:, None] for part in (*begin.T, *along.T, length))
+
+    def meet(
+        self, rays: Rays, back: bool, limit: Floats
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+        """Which rays meet a face within a way of `limit`, which face is their first, and the way.
+
+        `back`: they come from within.
+        """
+        near = self._near(rays, limit)
+        face, least = np.full(len(near), -1), limit[near]
+        most = max(1, TOGETHER // len(self.outline.corners))
+        for first in range(0, len(near), most):
+            some = slice(first, first + most)
+            face[some], least[some] = self._first(rays.take(near[some]), back, least[some])
+        met = face >= 0
+        return near[met], face[met], least[met]
+
+    def _first(self, rays: Rays, back: bool, limit: Floats) -> tuple[NDArray[np.intp], Floats]:
+        """The face that each ray meets first, -1 for none within its limit, and the way there."""
+        bx, by, ax, ay, length = self._faces
+        x, y, z = rays.place
+        px, py, pz = rays.momentum
+        outward = px * ay - py * ax
+        towards = outward > 0.0 if back else outward < 0.0
+        way = ((bx - x) * ay - (by - y) * ax) / np.where(towards, outward, 1.0)
+        ahead = towards & (way >= -SKIN) & (way < np.minimum(limit, HORIZON))
+        way = np.where(ahead, way, 0.0)
+        along = (x + way * px - bx) * ax + (y + way * py - by) * ay
+        height = z + way * pz
+        # With a skin: where faces meet, rounding leaves no gap.
+        ahead &= (along >= -SKIN) & (along <= length + SKIN)
+        ahead &= (height >= self.low - SKIN) & (height <= self.high + SKIN)
+        way = np.where(ahead, way, np.inf)
+        face = way.argmin(axis=0)
+        least = way[face, np.arange(len(face))]
+        return np.where(np.isfinite(least), face, -1), least
+
+    def _near(self, rays: Rays, limit: Floats) -> NDArray[np.intp]:
+        """Which rays may meet a face within a way of at most `limit`: all others do not."""
+        z, rise = rays.place[2], rays.momentum[2]
+        level = np.abs(rise) < LEAST
+        per = 1.0 / np.where(level, 1.0, rise)
+        # As wide as faces are taken to be, and more for rounding.
+        skin = 4.0 * SKIN
+        down, up = (self.low - skin - z) * per, (self.high + skin - z) * per
+        beside = level & ((z < self.low - skin) | (z > self.high + skin))
+        begin = np.where(level, 0.0, np.maximum(np.minimum(down, up), 0.0))
+        end = np.where(level, HORIZON, np.minimum(np.maximum(down, up), HORIZON))
+        end = np.where(beside, -1.0, np.minimum(end, limit))
+        begin = np.minimum(begin, HORIZON)
+        x, y = (rays.place[axis] + begin * rays.momentum[axis] for axis in (0, 1))
+        across = np.hypot(rays.momentum[0], rays.momentum[1])
+        way = across * (end - begin)
+        # What is rounded in places far off counts as well.
+        skin = skin * (1.0 + np.abs(x) + np.abs(y) + np.abs(z))
+        return np.flatnonzero((end - begin >= -skin) & (way + skin >= self.outline.clear(x, y)))
 
 
 @dataclass(frozen=True)
 class Side:
-    """An upright face, its front on the right of the way from `begin` to `end` (x, y)."""
+    """An upright face, its front on the right of the way from `begin` to `end` (x, y).
+
+    `fence`: all faces of its layer, which tells how high they are and where they are met.
+    """
 
     begin: tuple[float, float]
     end: tuple[float, float]
-    low: float
-    high: float
+    fence: Fence
 
-    @property
-    def _along(self) -> tuple[float, float, float]:
-        """Unit vector from begin to end, and how far that is."""
+    @cached_property
+    def _along(self) -> tuple[float, float]:
+        """Unit vector from begin to end."""
         dx, dy = self.end[0] - self.begin[0], self.end[1] - self.begin[1]
         length = math.hypot(dx, dy)
-        return dx / length, dy / length, length
-
-    def meet(self, rays: Rays, back: bool) -> tuple[Floats, Flags]:
-        ax, ay, _ = self._along
-        outward = rays.momentum[0] * ay - rays.momentum[1] * ax
-        towards = outward > 0.0 if back else outward < 0.0
-        behind = (self.begin[0] - rays.place[0]) * ay - (self.begin[1] - rays.place[1]) * ax
-        way = behind / np.where(towards, outward, 1.0)
-        ahead = towards & (way >= -SKIN) & (way < HORIZON)
-        return np.where(ahead, way, 0.0), ahead
-
-    def within(self, x, y, z) -> Flags:
-        ax, ay, length = self._along
-        along = (x - self.begin[0]) * ax + (y - self.begin[1]) * ay
-        # With a skin: where faces meet, rounding leaves no gap.
-        inside = (along >= -SKIN) & (along <= length + SKIN)
-        return inside & (z >= self.low - SKIN) & (z <= self.high + SKIN)
+        return dx / length, dy / length
 
     def normal(self, x, y, z) -> tuple:
-        ax, ay, _ = self._along
+        ax, ay = self._along
         none = np.zeros_like(x)
         return none + ay, none - ax, none
 
@@ -310,7 +375,7 @@ class Side:
         self, rays: Rays, way, back: bool, gain: float | None, mark=None
     ) -> tuple[Rays, Flags]:
         """As `Cylinder.pass_by`, for rays without slopes."""
-        ax, ay, _ = self._along
+        ax, ay = self._along
         px, py, pz = rays.momentum
         before = px * ay - py * ax
         after, _, possible = behind(before, gain, 1.0)
@@ -386,17 +451,6 @@ def anticlockwise(outline: Floats) -> Floats:
     x, y = outline.T
     signed_area = 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
     return outline if signed_area > 0 else outline[::-1]
-
-
-def in_polygon(outline, x, y) -> Flags:
-    """Which places lie in a polygon (K, 2), by how often a line towards +x crosses its sides."""
-    inside = np.zeros(np.shape(x), dtype=bool)
-    ends = (*outline[1:], outline[0])
-    for (ax, ay), (bx, by) in zip(outline, ends, strict=True):
-        if ay != by:
-            crosses = (ay <= y) != (by <= y)
-            inside ^= crosses & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
-    return inside
 
 
 def azimuth_lines(patch: Patch, along, count: int) -> Floats:

@@ -289,8 +289,7 @@ def _table(body: BoundedGlass) -> _Table:
             head[one] = surface.radius, surface.low, surface.high, float(surface.open_below)
         elif kind == LID:
             head[one, 0] = surface.height
-            corners = np.array(surface.outline)
-            sides = np.concatenate([corners, np.roll(corners, -1, axis=0)], axis=1)
+            sides = np.array(surface.outline.sides).reshape(-1, 4)
             head[one, 2] = len(sides)
             add(one, 1, sides)
         elif kind == PLANE:
@@ -299,7 +298,7 @@ def _table(body: BoundedGlass) -> _Table:
             begin, end = np.array(surface.begin), np.array(surface.end)
             length = math.hypot(*(end - begin))
             head[one] = *begin, *((end - begin) / length)
-            head[two, :3] = length, surface.low, surface.high
+            head[two, :3] = length, surface.fence.low, surface.fence.high
         elif kind == SHELL:
             head[one, 0] = surface.radius
         else:

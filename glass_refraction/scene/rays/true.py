@@ -176,13 +176,18 @@ def _black() -> bpy.types.Material:
 
 
 def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
-    """Give the views the user's settings; cameras and samples are a frame's."""
+    """Give the views the user's settings; cameras and samples are a frame's.
+
+    A denoiser takes colours, albedo and normals of views at once: to clean the latter two before,
+    which hardly any noise is in without glass, costs two runs more in each view, and 1 % of the
+    error inside the glass.
+    """
     user_layer = rendered_layer(scene)
     for capture in views:
         kept = {
             "scene": {"camera": capture.camera},
             "render": dict.fromkeys(("use_compositing", "use_sequencer", "use_multiview"), False),
-            "cycles": {"samples": capture.cycles.samples},
+            "cycles": {"samples": capture.cycles.samples, "denoising_prefilter": "FAST"},
             "eevee": {"taa_render_samples": capture.eevee.taa_render_samples},
         }
         if own(capture, SKY):

@@ -237,6 +237,23 @@ def test_a_tube_is_as_cycles_shows_it(tmp_path, surface):
     _against_cycles(scene, tmp_path, 30.0 if surface == "GLASS" else 27.0)
 
 
+def test_denoised_captures_run_the_denoiser_once_and_are_nearer_to_cycles(tmp_path):
+    """Guides that hold no noise are not cleaned first; the user's own setting stays."""
+    scenes.camera(location=(0.0, -0.35, 0.1))
+    _wall(stripes=12)
+    scene = _scene(samples=2)
+    _world((0.2, 0.3, 0.4))
+    scenes.glass(shape="CYLINDER")
+    noisy = scenes.picture(scene, tmp_path, "noisy")
+    scene.cycles.use_denoising, scene.cycles.denoising_prefilter = True, "ACCURATE"
+    denoised = scenes.picture(scene, tmp_path, "denoised")
+    captures = find_own_scenes(scene, ("capture",))
+    assert {view.cycles.denoising_prefilter for view in captures} == {"FAST"}
+    assert scene.cycles.denoising_prefilter == "ACCURATE"
+    wanted, covered = _reference(scene), _covered(scene)
+    assert _psnr(denoised, wanted, covered) > _psnr(noisy, wanted, covered)
+
+
 def test_absorption_tints_as_in_cycles(tmp_path):
     scenes.camera(location=(0.0, -0.3, 0.0), tilt=np.pi / 2)
     _wall(stripes=6)
