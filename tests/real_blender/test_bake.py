@@ -24,10 +24,10 @@ def test_a_farm_renders_the_same_pictures(installed, farm, engine):
     file = made["folder"] / "scene.blend"
     # As a farm splits a range: parts, and single frames in any order. Each starts with a frame
     # that counts for nothing: some engines' very first picture of a session differs.
-    parts = [("-f", "4", "-s", "1", "-e", "2", "-a"), ("-f", "2", "-f", "4", "-f", "3")]
+    parts = [("-f", "3", "-s", "1", "-e", "2", "-a"), ("-f", "2", "-f", "3", "-f", "1")]
     if engine == "BLENDER_EEVEE":
-        # It compiles its shaders for half a minute whenever it starts.
-        parts = [sum(parts, ())]
+        # By software it takes over ten seconds a frame.
+        parts = [(*parts[0], "-f", "3")]
     for arguments in parts:
         found = farm.run(["run", file, "-o", "//farm_####", *arguments], 600)
         assert found.returncode == 0, found.stdout
@@ -35,7 +35,7 @@ def test_a_farm_renders_the_same_pictures(installed, farm, engine):
     assert not found["extension"]
     assert found["moves"] > 0.1
     differences = {k: v for k, v in found.items() if k.startswith("farm_")}
-    assert differences == {f"farm_{frame:04d}": 0.0 for frame in (1, 2, 3, 4)}
+    assert differences == {f"farm_{frame:04d}": 0.0 for frame in (1, 2, 3)}
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 FOLDER, ENGINE = Path(sys.argv[-2]), sys.argv[-1]
-FRAMES = (1, 4)
+FRAMES = (1, 3)
 
 
 def build():
@@ -38,7 +38,7 @@ def build():
         mesh.materials.append(light(f"Stripe {number}", colour))
     mesh.polygons.foreach_set("material_index", np.arange(16, dtype=np.int32) % 2)
     wall = bpy.data.objects.new("Wall", mesh)
-    for frame, x in ((1, 0.0), (4, 0.05)):
+    for frame, x in ((1, 0.0), (3, 0.05)):
         wall.location.x = x
         wall.keyframe_insert("location", frame=frame)
     for obj in (camera, wall):
