@@ -37,7 +37,7 @@ LISTED = 1e-3
 def run(settings: Settings) -> dict:
     """All figures of this part. The loaded file is replaced by each scene's."""
     lit = [path for path in settings.scenes if not path.stem.endswith("_unlit")]
-    return {"scenes": [_scene(settings, path) for path in lit[: settings.pick(1, 1, 3)]]}
+    return {"scenes": [_scene(settings, path) for path in lit[: settings.pick(1, 1, 2)]]}
 
 
 def _scene(settings: Settings, path: Path) -> dict:
