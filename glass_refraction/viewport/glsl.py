@@ -29,6 +29,7 @@ from .description import (
     SIDE,
     THING_ROWS,
 )
+from .eye import CAPTURES
 from .trees import LEAF, NODE_TEXELS, ROW_BITS, TRIANGLE_TEXELS
 
 BLOCKS = f"""
@@ -43,8 +44,10 @@ struct View {{
   vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
   vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
   vec4 start;        /* radius of the ball that holds all glasses; from a capture to a second */
-  vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
-  vec4 closes[24];   /* of each one's close picture: forward, and 1 if there is one; right, up */
+  /* Centre in the common frame; side of a face in pixels, 0: not drawn yet. */
+  vec4 captures[{CAPTURES}];
+  /* Of each one's close picture: forward, and 1 if there is one; right; up. */
+  vec4 closes[{3 * CAPTURES}];
 }};
 """
 
@@ -970,6 +973,9 @@ EDGE = """
 
 VIEWS = (
     EDGE
+    + f"""
+#define CAPTURES {CAPTURES}
+"""
     + """
 #define FAR_OFF 1e19
 #define TILE 8
@@ -1012,13 +1018,13 @@ float depth_at(ivec2 pixel)
 vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
 
 /* Clamped as `row` is. */
-vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, 7)]; }
+vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, CAPTURES - 1)]; }
 
 /* Which face of a capture shows a direction, and which pixel of it: (x, y, face); the last one is
  * its close picture. `depth`: of d along the face's axis. */
 vec3 face_of(int slot, vec3 d, out float depth)
 {
-  int close = 3 * clamp(slot, 0, 7);
+  int close = 3 * clamp(slot, 0, CAPTURES - 1);
   vec4 forward = view.closes[close];
   float side = capture_at(slot).w;
   if (forward.w > 0.0) {
@@ -1082,7 +1088,7 @@ float smooth_gap(int slot, vec3 p)
 int second_of(int slot)
 {
   int second = slot + int(view.start.y);
-  return slot >= 0 && second < 8 && capture_at(second).w > 0.5 ? second : -1;
+  return slot >= 0 && second < CAPTURES && capture_at(second).w > 0.5 ? second : -1;
 }
 
 /* Whether a capture sees a place: nothing stands before it, or what stands there. */
@@ -1462,6 +1468,10 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   return false;
 }
 
+/* Of a ray that no view shows to its end: what a capture shows beside the edge behind which it went,
+ * as the direction from the capture and its number, which is less than 0 for none. */
+vec4 last_shown = vec4(-1.0);
+
 /* Where a ray meets what a capture shows: marched by equal angles round the capture's centre.
  * `hidden`: it was behind something. */
 bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way,
@@ -1515,6 +1525,9 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
         return true;
       }
       behind = hidden = true;
+      if (last_shown.w < 0.0) {
+        last_shown = vec4(q + near * d, float(slot));
+      }
     }
     else if (gap <= 0.0) {
       behind = false;
@@ -1531,11 +1544,15 @@ int capture_of(int g)
   return slot >= 0 && capture_at(slot).w > 0.5 ? slot : -1;
 }
 
+/* Whether no view shows all of the last ray that `seen` followed without meeting anything. */
+bool lost = false;
+
 /* What a ray meets within its reach, if a view shows it. `boxes`: see `march_direct`. */
 bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out float way)
 {
   vec2 pixel;
   bool hidden = true, found = false;
+  int first = slot;
   way = reach;
   colour = vec4(0.0);
   if (has_depth != 0) {
@@ -1554,12 +1571,20 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
       slot = second;
       met = march_capture(slot, o, d, most, at, other, hidden);
     }
+    /* What stands before it there those of other glasses may see. */
+    for (int k = 0; k < CAPTURES && !met && hidden && !found; k++) {
+      if (k != first && k != second && capture_at(k).w > 0.5) {
+        slot = k;
+        met = march_capture(slot, o, d, most, at, other, hidden);
+      }
+    }
     if (met) {
       colour = capture_colour(slot, at);
       way = other;
       found = true;
     }
   }
+  lost = !found && hidden;
   return found;
 }
 
@@ -1600,8 +1625,12 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   if (has_depth != 0 && shown && depth_near(pixel) >= FAR_OFF) {
     return thing_at(pixel);
   }
-  if (!may_meet_any(o, d)) {
+  if (!may_meet_any(o, d) || !lost) {
     return sky(d, slot);
+  }
+  if (last_shown.w >= 0.0) {
+    /* It most likely ends on what lies beside the edge behind which it went. */
+    return capture_colour(int(last_shown.w), last_shown.xyz);
   }
   if (slot >= 0) {
     /* Where a thing stands before the first capture the second may show more. */
@@ -1641,6 +1670,8 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   vec4 colour;
   float way;
   int slot = capture_of(g);
+  lost = false;
+  last_shown = vec4(-1.0);
   if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
@@ -1752,21 +1783,33 @@ void main()
 """
 )
 
+EXITS_AT_ONCE = 3
+"""Ways of which `EXITS` writes the exit rays, two textures each: Blender draws into six at once."""
+
+_EXITS_OUT = "\n".join(
+    f"  place_{k} = exit_places[{k}];\n  along_{k} = exit_alongs[{k}];"
+    for k in range(EXITS_AT_ONCE)
+)
+
 EXITS = (
     HOOKS
     + FOLLOW
+    + f"""
+#define AT_ONCE {EXITS_AT_ONCE}
+"""
     + """
-/* For tests: the exit ray of the way number `wanted` of the ray in each pixel. */
-vec4 exit_place = vec4(0.0);
-vec4 exit_along = vec4(0.0);
+/* For tests: exit rays of the ways from number `wanted` on of the ray in each pixel. */
+vec4 exit_places[AT_ONCE];
+vec4 exit_alongs[AT_ONCE];
 
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 {
-  if (number == wanted) {
-    exit_place = vec4(p, light.w);
-    exit_along.xyz = d;
+  for (int k = 0; k < AT_ONCE; k++) {
+    if (number == wanted + k) {
+      exit_places[k] = vec4(p, light.w);
+      exit_alongs[k] = vec4(d, 0.0);
+    }
   }
-  exit_along.w += 1.0;
 }
 
 void lose(vec4 light) {}
@@ -1779,12 +1822,16 @@ bool touches(vec3 p, vec3 d, vec4 light, int g, int number) { return false; }
 
 void main()
 {
+  for (int k = 0; k < AT_ONCE; k++) {
+    exit_places[k] = exit_alongs[k] = vec4(0.0);
+  }
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
   vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
   follow(p, d, starting(false), least, most, true);
-  place = exit_place;
-  along = exit_along;
+"""
+    + _EXITS_OUT
+    + """
 }
 """
 )
@@ -2038,7 +2085,7 @@ void main()
 FACE = (
     WIRE_AT
     + """
-#define MOST_WIRES 16
+#define MOST_WIRES 64
 /* By what part a line may come nearer over the few pixels by which edges are drawn wider. */
 #define STEEP 0.1
 

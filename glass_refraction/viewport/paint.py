@@ -309,6 +309,7 @@ class Painter:
         view: Viewpoint,
         frame: Frame,
         glasses: list[Posed],
+        clear: list[np.ndarray],
         captures: list[tuple[np.ndarray, int, np.ndarray | None]],
         seconds: int,
         scene_reach: float,
@@ -318,6 +319,7 @@ class Painter:
         Parameters
         ----------
         blocks : one, and if a glass disperses one each for red, green and blue light.
+        clear : (8, 3) corners of each box in which only lines are to be hidden.
         captures, seconds, scene_reach : see `eye.pack_view`.
         """
         same = len(blocks) == len(self._blocks) and all(
@@ -331,7 +333,9 @@ class Painter:
             self._mesh = mesh_texture(trees) if trees else None
         self.view_block = _uniform(pack_view(view, frame, captures, seconds, scene_reach))
         self._view = view
-        self._rects = merged([screen_rect(glass, view) for glass in glasses])
+        self._rects = merged(
+            [screen_rect(corners, view) for corners in (*(g.corners() for g in glasses), *clear)]
+        )
 
     @property
     def pixels(self) -> int:
@@ -590,12 +594,12 @@ class Painter:
         gpu.state.blend_set("NONE")
 
 
-def screen_rect(glass: Posed, view: Viewpoint) -> tuple[float, float, float, float] | None:
-    """The part of the view, -1 to 1 in x and y, that can show a glass; None if there is none."""
-    low, high = glass.body.box
-    corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
-    world = corners @ glass.to_world[:3, :3].T + glass.to_world[:3, 3]
-    clip = np.column_stack((world, np.ones(8))) @ (view.projection @ view.to_camera).T
+def screen_rect(corners: np.ndarray, view: Viewpoint) -> tuple[float, float, float, float] | None:
+    """The part of the view, -1 to 1 in x and y, that can show a glass; None if there is none.
+
+    ``corners``: (8, 3) of the glass's box, in the world.
+    """
+    clip = np.column_stack((corners, np.ones(8))) @ (view.projection @ view.to_camera).T
     if not view.is_parallel:
         ahead = clip[:, 3] > 0.0
         if not ahead.any():
@@ -659,8 +663,8 @@ def exit_rays(
 
     Returns
     -------
-    places, alongs : (ways, rows, columns, 4): origin and part of the light; direction and number of
-        ways that the ray has.
+    places, alongs : (ways, rows, columns, 4): origin and part of the light, which is 0 where the
+        ray has no such way; direction.
     """
     rows, columns, _ = origins.shape
     size = (columns, rows)
@@ -669,12 +673,13 @@ def exit_rays(
         filled = np.ones((rows, columns, 4), np.float32)
         filled[..., :3] = values
         inputs.append(_texture(filled, "RGBA32F"))
-    outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2)]
+    outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2 * glsl.EXITS_AT_ONCE)]
     target = gpu.types.GPUFrameBuffer(color_slots=outputs)
     shader, glasses = _shader("exits_of_meshes" if trees else "exits"), _uniform(block)
     mesh = mesh_texture(trees) if trees else None
     found = np.zeros((2, ways, rows, columns, 4), np.float32)
-    for wanted in range(ways):
+    for first in range(0, ways, glsl.EXITS_AT_ONCE):
+        count = min(glsl.EXITS_AT_ONCE, ways - first)
         with target.bind():
             gpu.state.viewport_set(0, 0, *size)
             gpu.state.depth_test_set("NONE")
@@ -686,13 +691,16 @@ def exit_rays(
             if mesh is not None:
                 shader.uniform_sampler("mesh_tx", mesh)
             shader.uniform_float("least", least)
-            shader.uniform_int("most", ways)
-            shader.uniform_int("wanted", wanted)
-            shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
+            # Ways come in the same order, wherever it ends.
+            shader.uniform_int("most", first + count)
+            shader.uniform_int("wanted", first)
+            shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
-            for slot in range(2):
+            for slot in range(2 * count):
                 data = target.read_color(0, 0, columns, rows, 4, slot, "FLOAT")
-                found[slot, wanted] = np.asarray(data).reshape(rows, columns, 4)
+                found[slot % 2, first + slot // 2] = np.asarray(data).reshape(rows, columns, 4)
+        if not found[0, first, ..., 3].any():
+            break
     return found[0], found[1]
 
 
@@ -777,7 +785,7 @@ DESCRIPTIONS = {
         "constants": [("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
         "samplers": ["origin_tx", "along_tx"],
         "glasses": True,
-        "outputs": ["place", "along"],
+        "outputs": [f"{n}_{k}" for k in range(glsl.EXITS_AT_ONCE) for n in ("place", "along")],
         "fragment": glsl.EXITS,
     },
     "edges": {

@@ -137,7 +137,7 @@ class _View:
             return self.failure
         if self.model.meshes.waits:
             return self.model.meshes.line
-        if self.captures is None or self.final or not self.model.glasses:
+        if self.captures is None or self.final or not self.model.is_shown:
             return ""
         done, total = self.captures.total - self.captures.left, self.captures.total
         if done < total:
@@ -320,12 +320,12 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         model.key = key
     # Much is evaluated anew of which nothing can be seen.
     seen = (told.seen, model.signature())
-    if view.stamp[:2] != (seen, looks) and model.glasses:
+    if view.stamp[:2] != (seen, looks) and model.is_shown:
         captures.arrange(model.glasses, looks, model.boxes)
     if model.meshes.waits:
         view.final = False
         _ask_for_rest()
-    if not model.glasses:
+    if not model.is_shown:
         view.waits = False
         return
     turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
@@ -395,6 +395,7 @@ def _describe(view: _View, eye) -> None:
         eye,
         model.frame,
         model.glasses,
+        model.clear,
         view.captures.listed(),
         view.captures.glasses,
         model.scene_reach(),
@@ -565,7 +566,7 @@ def _rest() -> float | None:
         if view is None or view.painter is None or view.final or view.failure:
             continue
         waits = view.model.meshes.waits
-        if not (view.model.glasses or waits) or space.as_pointer() not in _shown:
+        if not (view.model.is_shown or waits) or space.as_pointer() not in _shown:
             continue
         quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
         if window.screen.is_animation_playing and not quick:
@@ -696,7 +697,7 @@ def _targets(view: _View) -> dict[int, np.ndarray]:
 
     found = {}
     for number, glass in enumerate(view.model.glasses[: view.captures.glasses]):
-        rect = screen_rect(glass, view.eye)
+        rect = screen_rect(glass.corners(), view.eye)
         if rect is None or 0.25 * (rect[2] - rect[0]) * (rect[3] - rect[1]) < LEAST_SHARE:
             continue
         middle, reach = glass.middle(), glass.reach()

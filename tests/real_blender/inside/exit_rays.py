@@ -127,19 +127,20 @@ def meeting(parts):
         glass, way = np.full(shape, -1), np.full(shape, np.inf)
         true, smooth = np.zeros((2, *shape, 3))
         for row, ((number, points, normals), tree) in enumerate(zip(parts, trees, strict=True)):
-            for k, (origin, along) in enumerate(zip(origins, directions, strict=True)):
-                _, _, face, _ = tree.ray_cast(origin, along)
-                if face is None:
-                    continue
-                # More exactly than the tree's single precision.
-                p, one, two = points[face, 0], *(points[face, 1:] - points[face, 0])
-                try:
-                    u, v, t = np.linalg.solve(np.stack((one, two, -along), axis=1), origin - p)
-                except np.linalg.LinAlgError:
-                    continue
-                glass[row, k], way[row, k] = number, t
-                true[row, k] = np.cross(one, two)
-                smooth[row, k] = np.array((1.0 - u - v, u, v)) @ normals[face]
+            rays = zip(origins.tolist(), directions.tolist(), strict=True)
+            faces = [tree.ray_cast(*ray)[2] for ray in rays]
+            (met,) = np.nonzero([face is not None for face in faces])
+            face = np.array([faces[k] for k in met], int)
+            # More exactly than the tree's single precision.
+            corner, sides = points[face, 0], points[face, 1:] - points[face, :1]
+            matrix = np.concatenate((sides, -directions[met, None]), axis=1).transpose(0, 2, 1)
+            lies = np.linalg.det(matrix) != 0.0
+            met, face, sides = met[lies], face[lies], sides[lies]
+            away = (origins[met] - corner[lies])[..., None]
+            u, v, t = np.linalg.solve(matrix[lies], away)[..., 0].T
+            glass[row, met], way[row, met] = number, t
+            true[row, met] = np.cross(sides[:, 0], sides[:, 1])
+            smooth[row, met] = np.einsum("ck,kcx->kx", (1.0 - u - v, u, v), normals[face])
         return glass, way, true, smooth
 
     return meet
