@@ -1468,8 +1468,8 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   return false;
 }
 
-/* Of a ray that no view shows to its end: what a capture shows beside the edge behind which it went,
- * as the direction from the capture and its number, which is less than 0 for none. */
+/* Of a ray that no view shows to its end: where a capture shows what lies beside the edge behind
+ * which the ray went, as the direction from the capture and its number; less than 0 for none. */
 vec4 last_shown = vec4(-1.0);
 
 /* Where a ray meets what a capture shows: marched by equal angles round the capture's centre.

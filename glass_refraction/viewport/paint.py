@@ -20,6 +20,7 @@ from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import ROWS, Frame, Posed, trees_of
 from .eye import VIEW_ROWS, common_line, pack_view, pixel_width
+from .shaders import kept
 from .trees import ROW_BITS, Tree
 from .wires import Wires
 
@@ -29,7 +30,6 @@ TILE = 8
 GLANCED = 11
 """Rows of a view, and columns, by which is told whether its picture changed."""
 
-_shaders: dict[str, object] = {}
 WHOLE = (-1.0, -1.0, 1.0, 1.0)
 """The box of a target that is filled from corner to corner."""
 
@@ -710,21 +710,21 @@ def _uniform(block: np.ndarray):
 
 
 def _quad():
-    if "quad" not in _shaders:
+    if "quad" not in kept:
         layout = gpu.types.GPUVertFormat()
         layout.attr_add(id="corner", comp_type="F32", len=2, fetch_mode="FLOAT")
         corners = gpu.types.GPUVertBuf(layout, 4)
         corners.attr_fill("corner", np.array([(0, 0), (1, 0), (0, 1), (1, 1)], np.float32))
-        _shaders["quad"] = gpu.types.GPUBatch(type="TRI_STRIP", buf=corners)
-    return _shaders["quad"]
+        kept["quad"] = gpu.types.GPUBatch(type="TRI_STRIP", buf=corners)
+    return kept["quad"]
 
 
 def _shader(name: str):
     """The compiled shader of that name."""
-    if name not in _shaders:
+    if name not in kept:
         plain = name.removesuffix(OF_MESHES)
-        _shaders[name] = compiled(**DESCRIPTIONS[plain], meshes=plain != name)
-    return _shaders[name]
+        kept[name] = compiled(**DESCRIPTIONS[plain], meshes=plain != name)
+    return kept[name]
 
 
 OF_MESHES = "_of_meshes"

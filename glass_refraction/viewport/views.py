@@ -23,7 +23,7 @@ from bpy.app.handlers import persistent
 from ..scene.changes import generation
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
-from . import news
+from . import news, shaders
 from .eye import view_eye
 from .jobs import is_compiling, is_rendering
 from .model import Model
@@ -829,11 +829,12 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Switch every view off and take all handlers and timers out."""
+    """Switch every view off, take all handlers and timers out and let go of what is on the GPU."""
     if _shown:
         _shown.clear()
         mark_glasses()
     _views.clear()
+    shaders.kept.clear()
     _match_handlers()
     _set_handlers(_ALWAYS, False)
     for timer in (_rest, _mark_shown):
