@@ -1880,6 +1880,75 @@ bool is_wire(ivec2 pixel, float value)
 }
 """
 
+# Takes off what EEVEE adds to depths: to each by how much it differs from those beside it in its
+# block of 2 x 2 pixels (`film_display_depth_amend`; it ends at 1). Ends of things then have depths
+# of what lies behind them, and what lies behind them has others that lie farther still. Of near and
+# far pixels in a block each arrangement leaves a mark of its own. `amended`: 1 where EEVEE drew.
+AMENDED = (
+    WIRE_AT
+    + """
+/* Part of the differences in a block from which on its values lie on no plane, and below which two
+ * are the same. */
+#define TWISTED 0.25
+#define SAME 0.05
+
+float raw_value(sampler2D tx, ivec2 pixel)
+{
+  return texelFetch(tx, clamp(pixel, ivec2(0), textureSize(tx, 0) - 1), 0).r;
+}
+
+/* Of a pixel beside one with the value `own`, which stands in for lines. */
+float value_beside(sampler2D tx, ivec2 pixel, float own)
+{
+  float value = raw_value(tx, pixel);
+  return is_wire(pixel, value) ? own : value;
+}
+
+float value_of(sampler2D tx, ivec2 pixel)
+{
+  float own = raw_value(tx, pixel);
+  if (amended == 0 || is_wire(pixel, own)) {
+    return own;
+  }
+  ivec2 other = min(pixel ^ ivec2(1), textureSize(tx, 0) - 1);
+  ivec2 right = ivec2(other.x, pixel.y), up = ivec2(pixel.x, other.y);
+  float across = value_beside(tx, right, own), along = value_beside(tx, up, own);
+  float opposite = value_beside(tx, other, own);
+  float low = min(min(own, across), min(along, opposite));
+  float high = max(max(own, across), max(along, opposite));
+  float span = high - low;
+  if (abs(own + opposite - across - along) <= TWISTED * span) {
+    float value = own - abs(own - across) - abs(own - along);
+    if (high >= 1.0 && own < 1.0) {
+      /* It ended at 1: the nearer one is beside the block. */
+      value = min(value, raw_value(tx, across >= 1.0 ? 2 * pixel - right : 2 * pixel - up));
+    }
+    return value;
+  }
+  /* One pixel lies nearer than the others, or farther: opposite of the least value or there. */
+  bool is_own = own == low, is_opposite = opposite == low, is_across = across == low;
+  ivec2 least_ = is_own ? pixel : (is_opposite ? other : (is_across ? right : up));
+  ivec2 apart = is_own ? other : (is_opposite ? pixel : (is_across ? up : right));
+  float beyond_ = is_own ? opposite : (is_opposite ? own : (is_across ? along : across));
+  vec2 rest = is_own || is_opposite ? vec2(across, along) : vec2(own, opposite);
+  bool is_apart = pixel == apart;
+  if (min(rest.x, rest.y) < min(beyond_ - SAME * span, 1.0)) {
+    /* Three lie as near. */
+    return is_apart ? max(rest.x, rest.y) : low;
+  }
+  if (beyond_ < 1.0) {
+    return is_apart ? 2.0 * low - beyond_ : low;
+  }
+  float nearer = raw_value(tx, 2 * apart - least_);
+  if (nearer < low - SAME * span) {
+    return is_apart ? nearer : low;
+  }
+  /* Nothing stands behind the three. */
+  return is_apart ? 1.0 : low;
+}
+"""
+)
+
 # Puts the picture into the view. part 0: what the view's pixels are multiplied by, 1: what is added
 # to them; 2: what the background, which lies in the overlay, is multiplied by, 3: the background
 # that is added there where a line was. The overlay also has the lines that the glasses are drawn by
@@ -1990,7 +2059,7 @@ void main()
 # The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
 # pixels wide, as their lines are, gets the depth of what lies on both sides of it.
 DEPTH = (
-    WIRE_AT
+    AMENDED
     + """
 #define FAR_OFF 1e20
 #define LINE 2
@@ -1999,7 +2068,7 @@ DEPTH = (
 
 float value_at(ivec2 pixel)
 {
-  return texelFetch(raw_tx, clamp(pixel, ivec2(0), textureSize(raw_tx, 0) - 1), 0).r;
+  return value_of(raw_tx, clamp(pixel, ivec2(0), textureSize(raw_tx, 0) - 1));
 }
 
 /* The value beyond the lines that lie side by side in one direction. */
@@ -2011,7 +2080,7 @@ float value_beyond(ivec2 pixel, ivec2 step_)
     pixel = clamp(pixel + step_, ivec2(0), last);
     value = texelFetch(raw_tx, pixel, 0).r;
     if (!is_wire(pixel, value)) {
-      break;
+      return value_of(raw_tx, pixel);
     }
   }
   return value;
@@ -2066,24 +2135,23 @@ TILES = """
 
 void main()
 {
-  ivec2 last = textureSize(raw_tx, 0) - 1;
+  ivec2 last = textureSize(depth_tx, 0) - 1;
   ivec2 first = ivec2(gl_FragCoord.xy) * TILE;
-  vec2 range = vec2(1.0, 0.0);
+  vec2 range = vec2(FAR_OFF, -FAR_OFF);
   for (int y = 0; y < TILE; y++) {
     for (int x = 0; x < TILE; x++) {
-      float value = texelFetch(raw_tx, min(first + ivec2(x, y), last), 0).r;
+      float value = texelFetch(depth_tx, min(first + ivec2(x, y), last), 0).r;
       range = vec2(min(range.x, value), max(range.y, value));
     }
   }
-  vec2 depths = (line.x + line.y * range) / (line.z + line.w * range);
-  frag = vec4(range.x < 1.0 ? depths.x : FAR_OFF, range.y < 1.0 ? depths.y : FAR_OFF, 0.0, 0.0);
+  frag = vec4(min(range, FAR_OFF), 0.0, 0.0);
 }
 """
 
 # Takes a face of a capture, as the engine drew it, into the atlas of all captures. Where an overlay
 # drew lines of glasses, what is beside them stands in.
 FACE = (
-    WIRE_AT
+    AMENDED
     + """
 #define MOST_WIRES 64
 /* By what part a line may come nearer over the few pixels by which edges are drawn wider. */
@@ -2111,7 +2179,7 @@ void main()
 {
   ivec2 pixel = beside_wires(ivec2(gl_FragCoord.xy) - origin);
   color = texelFetch(face_tx, pixel, 0);
-  float value = texelFetch(depth_tx, pixel, 0).r;
+  float value = value_of(depth_tx, pixel);
   reach = vec4(value < 1.0 ? depth_of(value) : (color.a > 0.5 ? 1e20 : -1e20));
 }
 """

@@ -22,7 +22,7 @@ from .description import ROWS, Frame, Posed, trees_of
 from .eye import VIEW_ROWS, common_line, pack_view, pixel_width
 from .shaders import kept
 from .trees import ROW_BITS, Tree
-from .wires import Wires
+from .wires import NOTHING, Wires
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -76,8 +76,11 @@ class Direct:
         self._stepped = self._to_stepped = None
         self._depths: np.ndarray | None = None
 
-    def read(self, framebuffer, view: Viewpoint, frame: Frame) -> bool:
-        """Take the view's picture over; whether it differs from the last one."""
+    def read(self, framebuffer, view: Viewpoint, frame: Frame, amended: bool) -> bool:
+        """Take the view's picture over; whether it differs from the last one.
+
+        ``amended``: its depths are as EEVEE writes them, see `glsl.AMENDED`.
+        """
         width, height = view.size
         if self.size != view.size:
             self.size = view.size
@@ -98,7 +101,7 @@ class Direct:
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
         self.wire_depth = self.wires.draw(view.projection @ view.to_camera, view.size)
-        self._fill(self._to_depth, "depth", view.size)
+        self._fill(self._to_depth, "depth", view.size, amended)
         columns, rows = size = self.tiles.width, self.tiles.height
         self._fill(self._to_tiles, "tiles", size)
         with self._to_tiles.bind():
@@ -146,18 +149,21 @@ class Direct:
             _quad().draw(shader)
         self.depth = self._stepped
 
-    def _fill(self, target, name: str, size: tuple[int, int]) -> None:
-        """Fill a texture that is made of the depth buffer's values."""
+    def _fill(self, target, name: str, size: tuple[int, int], amended: bool = False) -> None:
+        """Fill a texture: "depth" by the depth buffer's values, "tiles" by depths."""
         shader = _shader(name)
         with target.bind():
             gpu.state.viewport_set(0, 0, *size)
             gpu.state.depth_test_set("NONE")
             gpu.state.blend_set("NONE")
             shader.bind()
-            shader.uniform_sampler("raw_tx", self.raw)
             if name == "depth":
+                shader.uniform_sampler("raw_tx", self.raw)
                 shader.uniform_sampler("wire_tx", self.wire_depth)
-            shader.uniform_float("line", self.line)
+                shader.uniform_float("line", self.line)
+                shader.uniform_int("amended", int(amended))
+            else:
+                shader.uniform_sampler("depth_tx", self._plain)
             shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
 
@@ -186,23 +192,37 @@ def _texture(values: np.ndarray, kind: str):
     return gpu.types.GPUTexture((width, height), format=kind, data=data)
 
 
-def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
+def tiles_of(depths: np.ndarray) -> np.ndarray:
     """Nearest and farthest depths (rows, columns, 2) of tiles, for tests; needs a GPU context.
 
-    Parameters
-    ----------
-    values : (height, width) of a depth buffer. line : see `eye.common_line`.
+    ``depths``: (height, width) of pixels.
     """
-    height, width = values.shape
+    height, width = depths.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
     direct = Direct()
-    direct.raw = _texture(np.ascontiguousarray(values, np.float32), "R32F")
-    direct.line = line
+    direct._plain = _texture(np.ascontiguousarray(depths, np.float32), "R32F")
     _, target = _target((columns, rows), "RGBA32F")
     direct._fill(target, "tiles", (columns, rows))
     with target.bind():
         read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
+
+
+def plain_values(values: np.ndarray) -> np.ndarray:
+    """Values (height, width) of a depth buffer without what EEVEE adds to them, for tests.
+
+    It needs a GPU context.
+    """
+    height, width = values.shape
+    direct = Direct()
+    direct.raw = _texture(np.ascontiguousarray(values, np.float32), "R32F")
+    direct.wire_depth = _texture(np.full((height, width), NOTHING, np.float32), "R32F")
+    direct.line = (0.0, 1.0, 1.0, 0.0)
+    _, target = _target((width, height), "RGBA32F")
+    direct._fill(target, "depth", (width, height), amended=True)
+    with target.bind():
+        read = target.read_color(0, 0, width, height, 4, 0, "FLOAT")
+    return np.asarray(read).reshape(height, width, 4)[..., 0]
 
 
 def depths_between(
@@ -795,7 +815,7 @@ DESCRIPTIONS = {
         "fragment": glsl.EDGES,
     },
     "depth": {
-        "constants": [("VEC4", "box"), ("VEC4", "line")],
+        "constants": [("VEC4", "box"), ("VEC4", "line"), ("INT", "amended")],
         "samplers": ["raw_tx", "wire_tx"],
         "outputs": ["frag"],
         "fragment": glsl.DEPTH,
@@ -807,8 +827,8 @@ DESCRIPTIONS = {
         "fragment": glsl.STEPS,
     },
     "tiles": {
-        "constants": [("VEC4", "box"), ("VEC4", "line")],
-        "samplers": ["raw_tx"],
+        "constants": [("VEC4", "box")],
+        "samplers": ["depth_tx"],
         "outputs": ["frag"],
         "fragment": glsl.TILES,
     },
@@ -817,6 +837,7 @@ DESCRIPTIONS = {
             ("VEC4", "box"),
             ("VEC4", "line"),
             ("IVEC2", "origin"),
+            ("INT", "amended"),
         ],
         "samplers": ["face_tx", "depth_tx", "wire_tx"],
         "outputs": ["color", "reach"],

@@ -25,7 +25,7 @@ from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from . import news, shaders
 from .eye import view_eye
-from .jobs import is_compiling, is_rendering
+from .jobs import amends_depths, is_compiling, is_rendering
 from .model import Model
 
 if TYPE_CHECKING:
@@ -339,7 +339,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     moved = stamp[:-1] != view.stamp[:-1]
-    changed = _read(view, moved)
+    changed = _read(view, moved, amends_depths(scene, space))
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
@@ -366,7 +366,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     counters["milliseconds"] += view.python_ms
 
 
-def _read(view: _View, moved: bool) -> bool:
+def _read(view: _View, moved: bool, amended: bool) -> bool:
     """Read the direct picture if need be; whether it changed, or is still to be read at rest.
 
     An engine refines what it shows from redraw to redraw. Meanwhile a glance tells whether anything
@@ -376,7 +376,7 @@ def _read(view: _View, moved: bool) -> bool:
     differs = direct.glance(view.framebuffer, eye.size)
     changed = False
     if moved or view.is_due or view.is_read:
-        changed = direct.read(view.framebuffer, eye, view.model.frame)
+        changed = direct.read(view.framebuffer, eye, view.model.frame, amended)
         # The depths of what an engine refines differ too, where a glance may not see it.
         refined = differs or (changed and not view.is_due)
         view.is_read, view.is_due = not (moved or refined), False
