@@ -37,7 +37,7 @@ AIM_KEPT = 0.15
 """As much, in the same measure, a close picture may look beside where it should."""
 LEAST_SHARE = 0.05
 """Of the view's pixels: glasses that may cover less have no close picture."""
-SIDES = {"SOLID": 256, "MATERIAL": 192, "RENDERED": 192}
+SIDES = {"SOLID": 256, "MATERIAL": 320, "RENDERED": 320}
 """Pixels a side of a face, by the view's shading. One size each: engines compile for it."""
 NEAR = 0.02
 """Of the glass's reach: what is nearer to the capture's centre is not drawn."""

@@ -1625,10 +1625,10 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   if (has_depth != 0 && shown && depth_near(pixel) >= FAR_OFF) {
     return thing_at(pixel);
   }
-  if (!may_meet_any(o, d) || !lost) {
+  if (!may_meet_any(o, d)) {
     return sky(d, slot);
   }
-  if (last_shown.w >= 0.0) {
+  if (lost && last_shown.w >= 0.0) {
     /* It most likely ends on what lies beside the edge behind which it went. */
     return capture_colour(int(last_shown.w), last_shown.xyz);
   }
@@ -1897,11 +1897,10 @@ float raw_value(sampler2D tx, ivec2 pixel)
   return texelFetch(tx, clamp(pixel, ivec2(0), textureSize(tx, 0) - 1), 0).r;
 }
 
-/* Of a pixel beside one with the value `own`, which stands in for lines. */
+/* Of a pixel beside one with the value `own`, which stands in where a line may be. */
 float value_beside(sampler2D tx, ivec2 pixel, float own)
 {
-  float value = raw_value(tx, pixel);
-  return is_wire(pixel, value) ? own : value;
+  return texelFetch(wire_tx, pixel, 0).r > 1.0 ? raw_value(tx, pixel) : own;
 }
 
 float value_of(sampler2D tx, ivec2 pixel)
@@ -2157,6 +2156,17 @@ FACE = (
 /* By what part a line may come nearer over the few pixels by which edges are drawn wider. */
 #define STEEP 0.1
 
+/* Depth of the nearest edge whose line may cover a pixel. */
+float nearest_wire(ivec2 pixel)
+{
+  float value = 1.0;
+  for (int k = 0; k < 25; k++) {
+    ivec2 one = clamp(pixel + ivec2(k % 5, k / 5) - 2, ivec2(0), textureSize(wire_tx, 0) - 1);
+    value = min(value, texelFetch(wire_tx, one, 0).r);
+  }
+  return depth_of(value);
+}
+
 ivec2 beside_wires(ivec2 pixel)
 {
   ivec2 last = textureSize(face_tx, 0) - 1;
@@ -2167,7 +2177,7 @@ ivec2 beside_wires(ivec2 pixel)
       float wire = texelFetch(wire_tx, other, 0).r;
       float depth = depth_of(texelFetch(depth_tx, other, 0).r);
       /* Lines are smoothed over pixels that show what lies behind them. */
-      if (wire > 1.0 || depth < (1.0 - STEEP) * depth_of(wire)) {
+      if (wire > 1.0 || depth < (1.0 - STEEP) * nearest_wire(other)) {
         return other;
       }
     }

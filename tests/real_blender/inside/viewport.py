@@ -27,8 +27,8 @@ REDRAWS = 20
 """Of each kind of motion; an even number leaves everything where it was."""
 STEP = (0.002, -0.002)
 """Metres by which eye or eraser move from redraw to redraw."""
-SEEN_STEP = 2.5 / 255.0
-"""A difference of colours that is more than rounding."""
+SEEN_STEP = 0.1
+"""A difference of colours that is a line's; anti-aliasing makes smaller ones from time to time."""
 FAR_OFF = 1e6
 """Metres: nothing of the scene is as far off."""
 
@@ -190,7 +190,7 @@ def lines():
         area.spaces.active.overlay.show_overlays = on
         yield from rest()
         pictures.append(screenshot(f"viewport_lines_{on}", area))
-    off = np.abs(pictures[0] - pictures[1]).max(axis=2) > 0.1
+    off = np.abs(pictures[0] - pictures[1]).max(axis=2) > SEEN_STEP
     x0, y0, x1, y1 = (int(v) for v in result["frame"])
     result["lines"] = int(off[y0 + 2 : y1 - 2, x0 + 2 : x1 - 2].sum())
     flat_view(area, "SOLID")
