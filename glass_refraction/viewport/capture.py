@@ -23,7 +23,7 @@ from mathutils import Matrix
 
 from .description import Frame, Posed
 from .eye import CAPTURES
-from .jobs import is_compiling
+from .jobs import amends_depths, is_compiling
 from .paint import _quad, _shader
 from .wires import Wires
 
@@ -37,7 +37,7 @@ AIM_KEPT = 0.15
 """As much, in the same measure, a close picture may look beside where it should."""
 LEAST_SHARE = 0.05
 """Of the view's pixels: glasses that may cover less have no close picture."""
-SIDES = {"SOLID": 256, "MATERIAL": 192, "RENDERED": 192}
+SIDES = {"SOLID": 256, "MATERIAL": 320, "RENDERED": 320}
 """Pixels a side of a face, by the view's shading. One size each: engines compile for it."""
 NEAR = 0.02
 """Of the glass's reach: what is nearer to the capture's centre is not drawn."""
@@ -258,7 +258,8 @@ class Captures:
         with self._face.bind():
             gpu.state.active_framebuffer_get().read_depth(0, 0, side, side, data=depth)
         wire_depth = wires.draw(projection @ to_camera, (side, side))
-        self._keep(number, face, depth, wire_depth, near / frame.unit, far / frame.unit)
+        amended = amends_depths(scene, space)
+        self._keep(number, face, depth, wire_depth, near / frame.unit, far / frame.unit, amended)
         self.seconds = time.perf_counter() - began
         self._stale.discard((number, face))
         if face == CLOSE:
@@ -283,7 +284,9 @@ class Captures:
             self.centres[second] = centre
             self._stale |= faces
 
-    def _keep(self, number: int, face: int, depth, wire_depth, near: float, far: float) -> None:
+    def _keep(
+        self, number: int, face: int, depth, wire_depth, near: float, far: float, amended: bool
+    ) -> None:
         side = self.side
         shader = _shader("face")
         texture = gpu.types.GPUTexture((side, side), format="R32F", data=depth)
@@ -301,6 +304,7 @@ class Captures:
             shader.uniform_sampler("wire_tx", wire_depth)
             shader.uniform_float("line", (near * far, 0.0, far, near - far))
             shader.uniform_int("origin", (x, y))
+            shader.uniform_int("amended", int(amended))
             shader.uniform_float("box", (*low, *high))
             _quad().draw(shader)
 

@@ -17,6 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -88,6 +89,12 @@ class Posed:
     def middle(self) -> np.ndarray:
         """(3,) world place of the middle of its box."""
         return self.to_world[:3, :3] @ self.body.box.mean(axis=0) + self.to_world[:3, 3]
+
+    def corners(self) -> np.ndarray:
+        """(8, 3) of its box, in the world."""
+        low, high = self.body.box
+        local = np.where(np.array(list(product((False, True), repeat=3))), high, low)
+        return local @ self.to_world[:3, :3].T + self.to_world[:3, 3]
 
     def reach(self) -> float:
         """Radius in metres of a ball round :meth:`middle` that holds it all."""

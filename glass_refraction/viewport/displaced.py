@@ -21,13 +21,12 @@ from . import glsl, vertex_glsl
 from .bending import SLAB, TUBE, Bending, ByRays, bending
 from .description import Frame, Posed
 from .paint import DESCRIPTIONS, _uniform
+from .shaders import kept
 from .things import Placed, Things
 from .vertex_glsl import MOST_DRAWN
 
 EXIT, HELD = 0, 1
 """What is drawn: what is seen behind a glass, and what a hollow one holds."""
-
-_shaders: dict[tuple, object] = {}
 
 
 class Displaced:
@@ -199,7 +198,7 @@ def _raster(view: tuple[int, int], size: tuple[int, int], jitter, divisor: int) 
 
 def picture_shader():
     """The ray shader that takes what was drawn displaced."""
-    if "picture" not in _shaders:
+    if "displaced" not in kept:
         info = gpu.types.GPUShaderCreateInfo()
         info.vertex_in(0, "VEC2", "corner")
         known = DESCRIPTIONS["picture"]
@@ -216,13 +215,13 @@ def picture_shader():
             info.fragment_out(slot, "VEC4", name)
         info.vertex_source(glsl.QUAD_VERTEX)
         info.fragment_source(vertex_glsl.PICTURE)
-        _shaders["picture"] = gpu.shader.create_from_info(info)
-    return _shaders["picture"]
+        kept["displaced"] = gpu.shader.create_from_info(info)
+    return kept["displaced"]
 
 
 def things_shader(kind: int, plain: bool = False):
     """The shader of things behind a glass of a kind; `plain`: where they are, for comparison."""
-    if (kind, plain) not in _shaders:
+    if (kind, plain) not in kept:
         info = gpu.types.GPUShaderCreateInfo()
         face = gpu.types.GPUStageInterfaceInfo(f"displaced_{kind}_{int(plain)}")
         face.smooth("VEC3", "at")
@@ -243,8 +242,8 @@ def things_shader(kind: int, plain: bool = False):
         info.fragment_out(0, "VEC4", "frag")
         info.vertex_source(vertex_glsl.PLAIN_VERTEX if plain else vertex_glsl.VERTEX)
         info.fragment_source(vertex_glsl.COLOUR)
-        _shaders[kind, plain] = gpu.shader.create_from_info(info)
-    return _shaders[kind, plain]
+        kept[kind, plain] = gpu.shader.create_from_info(info)
+    return kept[kind, plain]
 
 
 def apparent_points(

@@ -29,6 +29,7 @@ from .description import (
     SIDE,
     THING_ROWS,
 )
+from .eye import CAPTURES
 from .trees import LEAF, NODE_TEXELS, ROW_BITS, TRIANGLE_TEXELS
 
 BLOCKS = f"""
@@ -43,8 +44,10 @@ struct View {{
   vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
   vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
   vec4 start;        /* radius of the ball that holds all glasses; from a capture to a second */
-  vec4 captures[8];  /* centre in the common frame; side of a face in pixels, 0: not drawn yet */
-  vec4 closes[24];   /* of each one's close picture: forward, and 1 if there is one; right, up */
+  /* Centre in the common frame; side of a face in pixels, 0: not drawn yet. */
+  vec4 captures[{CAPTURES}];
+  /* Of each one's close picture: forward, and 1 if there is one; right; up. */
+  vec4 closes[{3 * CAPTURES}];
 }};
 """
 
@@ -970,6 +973,9 @@ EDGE = """
 
 VIEWS = (
     EDGE
+    + f"""
+#define CAPTURES {CAPTURES}
+"""
     + """
 #define FAR_OFF 1e19
 #define TILE 8
@@ -1012,13 +1018,13 @@ float depth_at(ivec2 pixel)
 vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
 
 /* Clamped as `row` is. */
-vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, 7)]; }
+vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, CAPTURES - 1)]; }
 
 /* Which face of a capture shows a direction, and which pixel of it: (x, y, face); the last one is
  * its close picture. `depth`: of d along the face's axis. */
 vec3 face_of(int slot, vec3 d, out float depth)
 {
-  int close = 3 * clamp(slot, 0, 7);
+  int close = 3 * clamp(slot, 0, CAPTURES - 1);
   vec4 forward = view.closes[close];
   float side = capture_at(slot).w;
   if (forward.w > 0.0) {
@@ -1082,7 +1088,7 @@ float smooth_gap(int slot, vec3 p)
 int second_of(int slot)
 {
   int second = slot + int(view.start.y);
-  return slot >= 0 && second < 8 && capture_at(second).w > 0.5 ? second : -1;
+  return slot >= 0 && second < CAPTURES && capture_at(second).w > 0.5 ? second : -1;
 }
 
 /* Whether a capture sees a place: nothing stands before it, or what stands there. */
@@ -1462,6 +1468,10 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   return false;
 }
 
+/* Of a ray that no view shows to its end: where a capture shows what lies beside the edge behind
+ * which the ray went, as the direction from the capture and its number; less than 0 for none. */
+vec4 last_shown = vec4(-1.0);
+
 /* Where a ray meets what a capture shows: marched by equal angles round the capture's centre.
  * `hidden`: it was behind something. */
 bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way,
@@ -1515,6 +1525,9 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
         return true;
       }
       behind = hidden = true;
+      if (last_shown.w < 0.0) {
+        last_shown = vec4(q + near * d, float(slot));
+      }
     }
     else if (gap <= 0.0) {
       behind = false;
@@ -1531,11 +1544,15 @@ int capture_of(int g)
   return slot >= 0 && capture_at(slot).w > 0.5 ? slot : -1;
 }
 
+/* Whether no view shows all of the last ray that `seen` followed without meeting anything. */
+bool lost = false;
+
 /* What a ray meets within its reach, if a view shows it. `boxes`: see `march_direct`. */
 bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out float way)
 {
   vec2 pixel;
   bool hidden = true, found = false;
+  int first = slot;
   way = reach;
   colour = vec4(0.0);
   if (has_depth != 0) {
@@ -1554,12 +1571,20 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
       slot = second;
       met = march_capture(slot, o, d, most, at, other, hidden);
     }
+    /* What stands before it there those of other glasses may see. */
+    for (int k = 0; k < CAPTURES && !met && hidden && !found; k++) {
+      if (k != first && k != second && capture_at(k).w > 0.5) {
+        slot = k;
+        met = march_capture(slot, o, d, most, at, other, hidden);
+      }
+    }
     if (met) {
       colour = capture_colour(slot, at);
       way = other;
       found = true;
     }
   }
+  lost = !found && hidden;
   return found;
 }
 
@@ -1603,6 +1628,10 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   if (!may_meet_any(o, d)) {
     return sky(d, slot);
   }
+  if (lost && last_shown.w >= 0.0) {
+    /* It most likely ends on what lies beside the edge behind which it went. */
+    return capture_colour(int(last_shown.w), last_shown.xyz);
+  }
   if (slot >= 0) {
     /* Where a thing stands before the first capture the second may show more. */
     int second = second_of(slot);
@@ -1641,6 +1670,8 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   vec4 colour;
   float way;
   int slot = capture_of(g);
+  lost = false;
+  last_shown = vec4(-1.0);
   if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
@@ -1752,21 +1783,33 @@ void main()
 """
 )
 
+EXITS_AT_ONCE = 3
+"""Ways of which `EXITS` writes the exit rays, two textures each: Blender draws into six at once."""
+
+_EXITS_OUT = "\n".join(
+    f"  place_{k} = exit_places[{k}];\n  along_{k} = exit_alongs[{k}];"
+    for k in range(EXITS_AT_ONCE)
+)
+
 EXITS = (
     HOOKS
     + FOLLOW
+    + f"""
+#define AT_ONCE {EXITS_AT_ONCE}
+"""
     + """
-/* For tests: the exit ray of the way number `wanted` of the ray in each pixel. */
-vec4 exit_place = vec4(0.0);
-vec4 exit_along = vec4(0.0);
+/* For tests: exit rays of the ways from number `wanted` on of the ray in each pixel. */
+vec4 exit_places[AT_ONCE];
+vec4 exit_alongs[AT_ONCE];
 
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 {
-  if (number == wanted) {
-    exit_place = vec4(p, light.w);
-    exit_along.xyz = d;
+  for (int k = 0; k < AT_ONCE; k++) {
+    if (number == wanted + k) {
+      exit_places[k] = vec4(p, light.w);
+      exit_alongs[k] = vec4(d, 0.0);
+    }
   }
-  exit_along.w += 1.0;
 }
 
 void lose(vec4 light) {}
@@ -1779,12 +1822,16 @@ bool touches(vec3 p, vec3 d, vec4 light, int g, int number) { return false; }
 
 void main()
 {
+  for (int k = 0; k < AT_ONCE; k++) {
+    exit_places[k] = exit_alongs[k] = vec4(0.0);
+  }
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
   vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
   follow(p, d, starting(false), least, most, true);
-  place = exit_place;
-  along = exit_along;
+"""
+    + _EXITS_OUT
+    + """
 }
 """
 )
@@ -1832,6 +1879,74 @@ bool is_wire(ivec2 pixel, float value)
   return behind > -WIRE_BEFORE && behind < WIRE_BEHIND;
 }
 """
+
+# Takes off what EEVEE adds to depths: to each by how much it differs from those beside it in its
+# block of 2 x 2 pixels (`film_display_depth_amend`; it ends at 1). Ends of things then have depths
+# of what lies behind them, and what lies behind them has others that lie farther still. Of near and
+# far pixels in a block each arrangement leaves a mark of its own. `amended`: 1 where EEVEE drew.
+AMENDED = (
+    WIRE_AT
+    + """
+/* Part of the differences in a block from which on its values lie on no plane, and below which two
+ * are the same. */
+#define TWISTED 0.25
+#define SAME 0.05
+
+float raw_value(sampler2D tx, ivec2 pixel)
+{
+  return texelFetch(tx, clamp(pixel, ivec2(0), textureSize(tx, 0) - 1), 0).r;
+}
+
+/* Of a pixel beside one with the value `own`, which stands in where a line may be. */
+float value_beside(sampler2D tx, ivec2 pixel, float own)
+{
+  return texelFetch(wire_tx, pixel, 0).r > 1.0 ? raw_value(tx, pixel) : own;
+}
+
+float value_of(sampler2D tx, ivec2 pixel)
+{
+  float own = raw_value(tx, pixel);
+  if (amended == 0 || is_wire(pixel, own)) {
+    return own;
+  }
+  ivec2 other = min(pixel ^ ivec2(1), textureSize(tx, 0) - 1);
+  ivec2 right = ivec2(other.x, pixel.y), up = ivec2(pixel.x, other.y);
+  float across = value_beside(tx, right, own), along = value_beside(tx, up, own);
+  float opposite = value_beside(tx, other, own);
+  float low = min(min(own, across), min(along, opposite));
+  float high = max(max(own, across), max(along, opposite));
+  float span = high - low;
+  if (abs(own + opposite - across - along) <= TWISTED * span) {
+    float value = own - abs(own - across) - abs(own - along);
+    if (high >= 1.0 && own < 1.0) {
+      /* It ended at 1: the nearer one is beside the block. */
+      value = min(value, raw_value(tx, across >= 1.0 ? 2 * pixel - right : 2 * pixel - up));
+    }
+    return value;
+  }
+  /* One pixel lies nearer than the others, or farther: opposite of the least value or there. */
+  bool is_own = own == low, is_opposite = opposite == low, is_across = across == low;
+  ivec2 least_ = is_own ? pixel : (is_opposite ? other : (is_across ? right : up));
+  ivec2 apart = is_own ? other : (is_opposite ? pixel : (is_across ? up : right));
+  float beyond_ = is_own ? opposite : (is_opposite ? own : (is_across ? along : across));
+  vec2 rest = is_own || is_opposite ? vec2(across, along) : vec2(own, opposite);
+  bool is_apart = pixel == apart;
+  if (min(rest.x, rest.y) < min(beyond_ - SAME * span, 1.0)) {
+    /* Three lie as near. */
+    return is_apart ? max(rest.x, rest.y) : low;
+  }
+  if (beyond_ < 1.0) {
+    return is_apart ? 2.0 * low - beyond_ : low;
+  }
+  float nearer = raw_value(tx, 2 * apart - least_);
+  if (nearer < low - SAME * span) {
+    return is_apart ? nearer : low;
+  }
+  /* Nothing stands behind the three. */
+  return is_apart ? 1.0 : low;
+}
+"""
+)
 
 # Puts the picture into the view. part 0: what the view's pixels are multiplied by, 1: what is added
 # to them; 2: what the background, which lies in the overlay, is multiplied by, 3: the background
@@ -1943,7 +2058,7 @@ void main()
 # The view's depths in units of the common frame. Overlays write theirs too: whatever is but a few
 # pixels wide, as their lines are, gets the depth of what lies on both sides of it.
 DEPTH = (
-    WIRE_AT
+    AMENDED
     + """
 #define FAR_OFF 1e20
 #define LINE 2
@@ -1952,7 +2067,7 @@ DEPTH = (
 
 float value_at(ivec2 pixel)
 {
-  return texelFetch(raw_tx, clamp(pixel, ivec2(0), textureSize(raw_tx, 0) - 1), 0).r;
+  return value_of(raw_tx, clamp(pixel, ivec2(0), textureSize(raw_tx, 0) - 1));
 }
 
 /* The value beyond the lines that lie side by side in one direction. */
@@ -1964,7 +2079,7 @@ float value_beyond(ivec2 pixel, ivec2 step_)
     pixel = clamp(pixel + step_, ivec2(0), last);
     value = texelFetch(raw_tx, pixel, 0).r;
     if (!is_wire(pixel, value)) {
-      break;
+      return value_of(raw_tx, pixel);
     }
   }
   return value;
@@ -2019,28 +2134,38 @@ TILES = """
 
 void main()
 {
-  ivec2 last = textureSize(raw_tx, 0) - 1;
+  ivec2 last = textureSize(depth_tx, 0) - 1;
   ivec2 first = ivec2(gl_FragCoord.xy) * TILE;
-  vec2 range = vec2(1.0, 0.0);
+  vec2 range = vec2(FAR_OFF, -FAR_OFF);
   for (int y = 0; y < TILE; y++) {
     for (int x = 0; x < TILE; x++) {
-      float value = texelFetch(raw_tx, min(first + ivec2(x, y), last), 0).r;
+      float value = texelFetch(depth_tx, min(first + ivec2(x, y), last), 0).r;
       range = vec2(min(range.x, value), max(range.y, value));
     }
   }
-  vec2 depths = (line.x + line.y * range) / (line.z + line.w * range);
-  frag = vec4(range.x < 1.0 ? depths.x : FAR_OFF, range.y < 1.0 ? depths.y : FAR_OFF, 0.0, 0.0);
+  frag = vec4(min(range, FAR_OFF), 0.0, 0.0);
 }
 """
 
 # Takes a face of a capture, as the engine drew it, into the atlas of all captures. Where an overlay
 # drew lines of glasses, what is beside them stands in.
 FACE = (
-    WIRE_AT
+    AMENDED
     + """
-#define MOST_WIRES 16
+#define MOST_WIRES 64
 /* By what part a line may come nearer over the few pixels by which edges are drawn wider. */
 #define STEEP 0.1
+
+/* Depth of the nearest edge whose line may cover a pixel. */
+float nearest_wire(ivec2 pixel)
+{
+  float value = 1.0;
+  for (int k = 0; k < 25; k++) {
+    ivec2 one = clamp(pixel + ivec2(k % 5, k / 5) - 2, ivec2(0), textureSize(wire_tx, 0) - 1);
+    value = min(value, texelFetch(wire_tx, one, 0).r);
+  }
+  return depth_of(value);
+}
 
 ivec2 beside_wires(ivec2 pixel)
 {
@@ -2052,7 +2177,7 @@ ivec2 beside_wires(ivec2 pixel)
       float wire = texelFetch(wire_tx, other, 0).r;
       float depth = depth_of(texelFetch(depth_tx, other, 0).r);
       /* Lines are smoothed over pixels that show what lies behind them. */
-      if (wire > 1.0 || depth < (1.0 - STEEP) * depth_of(wire)) {
+      if (wire > 1.0 || depth < (1.0 - STEEP) * nearest_wire(other)) {
         return other;
       }
     }
@@ -2064,7 +2189,7 @@ void main()
 {
   ivec2 pixel = beside_wires(ivec2(gl_FragCoord.xy) - origin);
   color = texelFetch(face_tx, pixel, 0);
-  float value = texelFetch(depth_tx, pixel, 0).r;
+  float value = value_of(depth_tx, pixel);
   reach = vec4(value < 1.0 ? depth_of(value) : (color.a > 0.5 ? 1e20 : -1e20));
 }
 """

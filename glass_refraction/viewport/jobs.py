@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Blender is busy with, as far as it keeps a view's pictures from being made."""
+"""What Blender and its engines do, as far as it matters to a view's pictures."""
 
 from __future__ import annotations
 
@@ -14,3 +14,9 @@ def is_compiling() -> bool:
 def is_rendering() -> bool:
     """Whether a render or a bake goes on: data stay as they are until it ends."""
     return bpy.app.is_job_running("RENDER") or bpy.app.is_job_running("OBJECT_BAKE")
+
+
+def amends_depths(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
+    """Whether EEVEE draws a view, whose depths are amended: see `glsl.AMENDED`."""
+    kind = space.shading.type
+    return kind == "MATERIAL" or (kind == "RENDERED" and "EEVEE" in scene.render.engine)

@@ -47,6 +47,8 @@ class Model:
     glasses, frame, block : see :mod:`description`.
     bands : the same blocks for red, green and blue light; empty if no glass disperses.
     shown : session uids of the objects that are glasses. meshes : those that are meshes.
+    clear : (8, 3) corners in the world of each glass that changes nothing, one of the ior of what
+        is around it: rays do not know it, but the lines that it is drawn by are hidden as ever.
     problems : one line for each glass that is left out.
     """
 
@@ -54,6 +56,7 @@ class Model:
         self.key: tuple = ()
         self.enabled: bool | None = None
         self.glasses: list[Posed] = []
+        self.clear: list[np.ndarray] = []
         self.frame: Frame | None = None
         self.block: np.ndarray | None = None
         self.bands: list[np.ndarray] = []
@@ -71,6 +74,11 @@ class Model:
         self._has_others = False
         """Whether the view shows what is neither glass nor thing."""
         self._serial = -1
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether there is any glass, be it clear."""
+        return bool(self.glasses or self.clear)
 
     @property
     def boxes(self) -> list[Box]:
@@ -147,7 +155,7 @@ class Model:
     def _read_glasses(
         self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D, news: News
     ) -> None:
-        self.problems = []
+        self.problems, self.clear = [], []
         found, self._bands, self._units = [], [], {}
         self.shown = set()
         for obj in glass_objects(layer):
@@ -166,12 +174,17 @@ class Model:
             if one is not None:
                 found.append(one[0])
                 self._bands.append(one[1])
+            elif not is_mesh_glass(obj):
+                box = box_of(obj, layer.depsgraph)
+                self.clear += [] if box is None else [box.corners]
         self.meshes.keep(self.shown)
         numbers = captures_of([glass.middle() for glass in found])
         self.glasses = [
             replace(glass, capture=number) for number, glass in zip(numbers, found, strict=True)
         ]
-        self.frame = common_frame(self.glasses) if self.glasses else None
+        self.frame = None
+        if self.is_shown:
+            self.frame = common_frame(self.glasses) if self.glasses else _frame_of(self.clear)
 
     def _place_things(self) -> None:
         """Tell each glass which things reach into it."""
@@ -189,7 +202,7 @@ class Model:
     def signature(self) -> tuple:
         """What tells of glasses and of which things are there; equal ones look the same."""
         poses = ((g.body, g.to_world.tobytes(), g.absorption) for g in self.glasses)
-        return (tuple(self._things), *poses)
+        return (tuple(self._things), *poses, *(corners.tobytes() for corners in self.clear))
 
     def scene_reach(self) -> float:
         """Metres from the frame's origin within which all things are."""
@@ -214,7 +227,7 @@ class Model:
             replace(glass, outer=medium) for glass, medium in zip(self.glasses, outer, strict=True)
         ]
         self._world = self._all_boxes()
-        while self.glasses:
+        while True:
             try:
                 self.block = pack(self.glasses, self.frame, self._world)
                 self.bands = self._pack_bands()
@@ -248,6 +261,11 @@ class Model:
             )
             for number in range(len(optics.LINES))
         ]
+
+
+def _frame_of(clear: list[np.ndarray]) -> Frame:
+    """A common frame, metres, where no glass is but clear ones."""
+    return Frame(np.concatenate(clear).mean(axis=0), 1.0, 0.0)
 
 
 def captures_of(middles: list[np.ndarray]) -> list[int]:

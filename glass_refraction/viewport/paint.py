@@ -20,8 +20,9 @@ from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import ROWS, Frame, Posed, trees_of
 from .eye import VIEW_ROWS, common_line, pack_view, pixel_width
+from .shaders import kept
 from .trees import ROW_BITS, Tree
-from .wires import Wires
+from .wires import NOTHING, Wires
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -29,7 +30,6 @@ TILE = 8
 GLANCED = 11
 """Rows of a view, and columns, by which is told whether its picture changed."""
 
-_shaders: dict[str, object] = {}
 WHOLE = (-1.0, -1.0, 1.0, 1.0)
 """The box of a target that is filled from corner to corner."""
 
@@ -76,8 +76,11 @@ class Direct:
         self._stepped = self._to_stepped = None
         self._depths: np.ndarray | None = None
 
-    def read(self, framebuffer, view: Viewpoint, frame: Frame) -> bool:
-        """Take the view's picture over; whether it differs from the last one."""
+    def read(self, framebuffer, view: Viewpoint, frame: Frame, amended: bool) -> bool:
+        """Take the view's picture over; whether it differs from the last one.
+
+        ``amended``: its depths are as EEVEE writes them, see `glsl.AMENDED`.
+        """
         width, height = view.size
         if self.size != view.size:
             self.size = view.size
@@ -98,7 +101,7 @@ class Direct:
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
         self.wire_depth = self.wires.draw(view.projection @ view.to_camera, view.size)
-        self._fill(self._to_depth, "depth", view.size)
+        self._fill(self._to_depth, "depth", view.size, amended)
         columns, rows = size = self.tiles.width, self.tiles.height
         self._fill(self._to_tiles, "tiles", size)
         with self._to_tiles.bind():
@@ -146,18 +149,21 @@ class Direct:
             _quad().draw(shader)
         self.depth = self._stepped
 
-    def _fill(self, target, name: str, size: tuple[int, int]) -> None:
-        """Fill a texture that is made of the depth buffer's values."""
+    def _fill(self, target, name: str, size: tuple[int, int], amended: bool = False) -> None:
+        """Fill a texture: "depth" by the depth buffer's values, "tiles" by depths."""
         shader = _shader(name)
         with target.bind():
             gpu.state.viewport_set(0, 0, *size)
             gpu.state.depth_test_set("NONE")
             gpu.state.blend_set("NONE")
             shader.bind()
-            shader.uniform_sampler("raw_tx", self.raw)
             if name == "depth":
+                shader.uniform_sampler("raw_tx", self.raw)
                 shader.uniform_sampler("wire_tx", self.wire_depth)
-            shader.uniform_float("line", self.line)
+                shader.uniform_float("line", self.line)
+                shader.uniform_int("amended", int(amended))
+            else:
+                shader.uniform_sampler("depth_tx", self._plain)
             shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
 
@@ -186,23 +192,37 @@ def _texture(values: np.ndarray, kind: str):
     return gpu.types.GPUTexture((width, height), format=kind, data=data)
 
 
-def tiles_of(values: np.ndarray, line: tuple[float, float, float, float]) -> np.ndarray:
+def tiles_of(depths: np.ndarray) -> np.ndarray:
     """Nearest and farthest depths (rows, columns, 2) of tiles, for tests; needs a GPU context.
 
-    Parameters
-    ----------
-    values : (height, width) of a depth buffer. line : see `eye.common_line`.
+    ``depths``: (height, width) of pixels.
     """
-    height, width = values.shape
+    height, width = depths.shape
     rows, columns = -(-height // TILE), -(-width // TILE)
     direct = Direct()
-    direct.raw = _texture(np.ascontiguousarray(values, np.float32), "R32F")
-    direct.line = line
+    direct._plain = _texture(np.ascontiguousarray(depths, np.float32), "R32F")
     _, target = _target((columns, rows), "RGBA32F")
     direct._fill(target, "tiles", (columns, rows))
     with target.bind():
         read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
+
+
+def plain_values(values: np.ndarray) -> np.ndarray:
+    """Values (height, width) of a depth buffer without what EEVEE adds to them, for tests.
+
+    It needs a GPU context.
+    """
+    height, width = values.shape
+    direct = Direct()
+    direct.raw = _texture(np.ascontiguousarray(values, np.float32), "R32F")
+    direct.wire_depth = _texture(np.full((height, width), NOTHING, np.float32), "R32F")
+    direct.line = (0.0, 1.0, 1.0, 0.0)
+    _, target = _target((width, height), "RGBA32F")
+    direct._fill(target, "depth", (width, height), amended=True)
+    with target.bind():
+        read = target.read_color(0, 0, width, height, 4, 0, "FLOAT")
+    return np.asarray(read).reshape(height, width, 4)[..., 0]
 
 
 def depths_between(
@@ -309,6 +329,7 @@ class Painter:
         view: Viewpoint,
         frame: Frame,
         glasses: list[Posed],
+        clear: list[np.ndarray],
         captures: list[tuple[np.ndarray, int, np.ndarray | None]],
         seconds: int,
         scene_reach: float,
@@ -318,6 +339,7 @@ class Painter:
         Parameters
         ----------
         blocks : one, and if a glass disperses one each for red, green and blue light.
+        clear : (8, 3) corners of each box in which only lines are to be hidden.
         captures, seconds, scene_reach : see `eye.pack_view`.
         """
         same = len(blocks) == len(self._blocks) and all(
@@ -331,7 +353,9 @@ class Painter:
             self._mesh = mesh_texture(trees) if trees else None
         self.view_block = _uniform(pack_view(view, frame, captures, seconds, scene_reach))
         self._view = view
-        self._rects = merged([screen_rect(glass, view) for glass in glasses])
+        self._rects = merged(
+            [screen_rect(corners, view) for corners in (*(g.corners() for g in glasses), *clear)]
+        )
 
     @property
     def pixels(self) -> int:
@@ -590,12 +614,12 @@ class Painter:
         gpu.state.blend_set("NONE")
 
 
-def screen_rect(glass: Posed, view: Viewpoint) -> tuple[float, float, float, float] | None:
-    """The part of the view, -1 to 1 in x and y, that can show a glass; None if there is none."""
-    low, high = glass.body.box
-    corners = np.array(np.meshgrid(*zip(low, high, strict=True), indexing="ij")).reshape(3, -1).T
-    world = corners @ glass.to_world[:3, :3].T + glass.to_world[:3, 3]
-    clip = np.column_stack((world, np.ones(8))) @ (view.projection @ view.to_camera).T
+def screen_rect(corners: np.ndarray, view: Viewpoint) -> tuple[float, float, float, float] | None:
+    """The part of the view, -1 to 1 in x and y, that can show a glass; None if there is none.
+
+    ``corners``: (8, 3) of the glass's box, in the world.
+    """
+    clip = np.column_stack((corners, np.ones(8))) @ (view.projection @ view.to_camera).T
     if not view.is_parallel:
         ahead = clip[:, 3] > 0.0
         if not ahead.any():
@@ -659,8 +683,8 @@ def exit_rays(
 
     Returns
     -------
-    places, alongs : (ways, rows, columns, 4): origin and part of the light; direction and number of
-        ways that the ray has.
+    places, alongs : (ways, rows, columns, 4): origin and part of the light, which is 0 where the
+        ray has no such way; direction.
     """
     rows, columns, _ = origins.shape
     size = (columns, rows)
@@ -669,12 +693,13 @@ def exit_rays(
         filled = np.ones((rows, columns, 4), np.float32)
         filled[..., :3] = values
         inputs.append(_texture(filled, "RGBA32F"))
-    outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2)]
+    outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2 * glsl.EXITS_AT_ONCE)]
     target = gpu.types.GPUFrameBuffer(color_slots=outputs)
     shader, glasses = _shader("exits_of_meshes" if trees else "exits"), _uniform(block)
     mesh = mesh_texture(trees) if trees else None
     found = np.zeros((2, ways, rows, columns, 4), np.float32)
-    for wanted in range(ways):
+    for first in range(0, ways, glsl.EXITS_AT_ONCE):
+        count = min(glsl.EXITS_AT_ONCE, ways - first)
         with target.bind():
             gpu.state.viewport_set(0, 0, *size)
             gpu.state.depth_test_set("NONE")
@@ -686,13 +711,16 @@ def exit_rays(
             if mesh is not None:
                 shader.uniform_sampler("mesh_tx", mesh)
             shader.uniform_float("least", least)
-            shader.uniform_int("most", ways)
-            shader.uniform_int("wanted", wanted)
-            shader.uniform_float("box", (-1.0, -1.0, 1.0, 1.0))
+            # Ways come in the same order, wherever it ends.
+            shader.uniform_int("most", first + count)
+            shader.uniform_int("wanted", first)
+            shader.uniform_float("box", WHOLE)
             _quad().draw(shader)
-            for slot in range(2):
+            for slot in range(2 * count):
                 data = target.read_color(0, 0, columns, rows, 4, slot, "FLOAT")
-                found[slot, wanted] = np.asarray(data).reshape(rows, columns, 4)
+                found[slot % 2, first + slot // 2] = np.asarray(data).reshape(rows, columns, 4)
+        if not found[0, first, ..., 3].any():
+            break
     return found[0], found[1]
 
 
@@ -702,21 +730,21 @@ def _uniform(block: np.ndarray):
 
 
 def _quad():
-    if "quad" not in _shaders:
+    if "quad" not in kept:
         layout = gpu.types.GPUVertFormat()
         layout.attr_add(id="corner", comp_type="F32", len=2, fetch_mode="FLOAT")
         corners = gpu.types.GPUVertBuf(layout, 4)
         corners.attr_fill("corner", np.array([(0, 0), (1, 0), (0, 1), (1, 1)], np.float32))
-        _shaders["quad"] = gpu.types.GPUBatch(type="TRI_STRIP", buf=corners)
-    return _shaders["quad"]
+        kept["quad"] = gpu.types.GPUBatch(type="TRI_STRIP", buf=corners)
+    return kept["quad"]
 
 
 def _shader(name: str):
     """The compiled shader of that name."""
-    if name not in _shaders:
+    if name not in kept:
         plain = name.removesuffix(OF_MESHES)
-        _shaders[name] = compiled(**DESCRIPTIONS[plain], meshes=plain != name)
-    return _shaders[name]
+        kept[name] = compiled(**DESCRIPTIONS[plain], meshes=plain != name)
+    return kept[name]
 
 
 OF_MESHES = "_of_meshes"
@@ -777,7 +805,7 @@ DESCRIPTIONS = {
         "constants": [("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
         "samplers": ["origin_tx", "along_tx"],
         "glasses": True,
-        "outputs": ["place", "along"],
+        "outputs": [f"{n}_{k}" for k in range(glsl.EXITS_AT_ONCE) for n in ("place", "along")],
         "fragment": glsl.EXITS,
     },
     "edges": {
@@ -787,7 +815,7 @@ DESCRIPTIONS = {
         "fragment": glsl.EDGES,
     },
     "depth": {
-        "constants": [("VEC4", "box"), ("VEC4", "line")],
+        "constants": [("VEC4", "box"), ("VEC4", "line"), ("INT", "amended")],
         "samplers": ["raw_tx", "wire_tx"],
         "outputs": ["frag"],
         "fragment": glsl.DEPTH,
@@ -799,8 +827,8 @@ DESCRIPTIONS = {
         "fragment": glsl.STEPS,
     },
     "tiles": {
-        "constants": [("VEC4", "box"), ("VEC4", "line")],
-        "samplers": ["raw_tx"],
+        "constants": [("VEC4", "box")],
+        "samplers": ["depth_tx"],
         "outputs": ["frag"],
         "fragment": glsl.TILES,
     },
@@ -809,6 +837,7 @@ DESCRIPTIONS = {
             ("VEC4", "box"),
             ("VEC4", "line"),
             ("IVEC2", "origin"),
+            ("INT", "amended"),
         ],
         "samplers": ["face_tx", "depth_tx", "wire_tx"],
         "outputs": ["color", "reach"],

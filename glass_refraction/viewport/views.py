@@ -23,9 +23,9 @@ from bpy.app.handlers import persistent
 from ..scene.changes import generation
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
-from . import news
+from . import news, shaders
 from .eye import view_eye
-from .jobs import is_compiling, is_rendering
+from .jobs import amends_depths, is_compiling, is_rendering
 from .model import Model
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ class _View:
             return self.failure
         if self.model.meshes.waits:
             return self.model.meshes.line
-        if self.captures is None or self.final or not self.model.glasses:
+        if self.captures is None or self.final or not self.model.is_shown:
             return ""
         done, total = self.captures.total - self.captures.left, self.captures.total
         if done < total:
@@ -320,12 +320,12 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         model.key = key
     # Much is evaluated anew of which nothing can be seen.
     seen = (told.seen, model.signature())
-    if view.stamp[:2] != (seen, looks) and model.glasses:
+    if view.stamp[:2] != (seen, looks) and model.is_shown:
         captures.arrange(model.glasses, looks, model.boxes)
     if model.meshes.waits:
         view.final = False
         _ask_for_rest()
-    if not model.glasses:
+    if not model.is_shown:
         view.waits = False
         return
     turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
@@ -339,7 +339,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     moved = stamp[:-1] != view.stamp[:-1]
-    changed = _read(view, moved)
+    changed = _read(view, moved, amends_depths(scene, space))
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
@@ -366,7 +366,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     counters["milliseconds"] += view.python_ms
 
 
-def _read(view: _View, moved: bool) -> bool:
+def _read(view: _View, moved: bool, amended: bool) -> bool:
     """Read the direct picture if need be; whether it changed, or is still to be read at rest.
 
     An engine refines what it shows from redraw to redraw. Meanwhile a glance tells whether anything
@@ -376,7 +376,7 @@ def _read(view: _View, moved: bool) -> bool:
     differs = direct.glance(view.framebuffer, eye.size)
     changed = False
     if moved or view.is_due or view.is_read:
-        changed = direct.read(view.framebuffer, eye, view.model.frame)
+        changed = direct.read(view.framebuffer, eye, view.model.frame, amended)
         # The depths of what an engine refines differ too, where a glance may not see it.
         refined = differs or (changed and not view.is_due)
         view.is_read, view.is_due = not (moved or refined), False
@@ -395,6 +395,7 @@ def _describe(view: _View, eye) -> None:
         eye,
         model.frame,
         model.glasses,
+        model.clear,
         view.captures.listed(),
         view.captures.glasses,
         model.scene_reach(),
@@ -565,7 +566,7 @@ def _rest() -> float | None:
         if view is None or view.painter is None or view.final or view.failure:
             continue
         waits = view.model.meshes.waits
-        if not (view.model.glasses or waits) or space.as_pointer() not in _shown:
+        if not (view.model.is_shown or waits) or space.as_pointer() not in _shown:
             continue
         quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
         if window.screen.is_animation_playing and not quick:
@@ -696,7 +697,7 @@ def _targets(view: _View) -> dict[int, np.ndarray]:
 
     found = {}
     for number, glass in enumerate(view.model.glasses[: view.captures.glasses]):
-        rect = screen_rect(glass, view.eye)
+        rect = screen_rect(glass.corners(), view.eye)
         if rect is None or 0.25 * (rect[2] - rect[0]) * (rect[3] - rect[1]) < LEAST_SHARE:
             continue
         middle, reach = glass.middle(), glass.reach()
@@ -828,11 +829,12 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Switch every view off and take all handlers and timers out."""
+    """Switch every view off, take all handlers and timers out and let go of what is on the GPU."""
     if _shown:
         _shown.clear()
         mark_glasses()
     _views.clear()
+    shaders.kept.clear()
     _match_handlers()
     _set_handlers(_ALWAYS, False)
     for timer in (_rest, _mark_shown):

@@ -17,6 +17,7 @@ from ..scene.read.glasses import glass_modifier, glass_objects
 from ..scene.read.modifier_inputs import has_input, read_input
 from . import glsl
 from .news import News
+from .shaders import kept
 
 NOTHING = 2.0
 """Of a depth buffer, whose values run from 0 to 1: no edge is here."""
@@ -28,8 +29,6 @@ DOTS = (4.0, 8.0)
 """Pixels a side of a point: as many as in Blender, and those beside."""
 HASH = np.array((1, 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F), np.uint64)
 """Odd numbers whose bits are evenly spread, by which places are told apart."""
-
-_shaders: dict[str, object] = {}
 
 
 class Wires:
@@ -146,7 +145,7 @@ def _vertices(places: np.ndarray):
 
 
 def _shader():
-    if "wires" not in _shaders:
+    if "wires" not in kept:
         info = gpu.types.GPUShaderCreateInfo()
         info.vertex_in(0, "VEC3", "place")
         info.push_constant("MAT4", "to_clip")
@@ -155,5 +154,5 @@ def _shader():
         info.fragment_out(0, "VEC4", "frag")
         info.vertex_source(glsl.WIRES_VERTEX)
         info.fragment_source(glsl.WIRES)
-        _shaders["wires"] = gpu.shader.create_from_info(info)
-    return _shaders["wires"]
+        kept["wires"] = gpu.shader.create_from_info(info)
+    return kept["wires"]

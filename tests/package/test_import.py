@@ -95,8 +95,12 @@ before = traces()
 glass_refraction.register()
 during = traces()
 assert all(len(a) > len(b) for a, b in zip(during, before, strict=True)), "the test sees nothing"
+# Shaders that outlive Blender's graphics crash it as it quits.
+from glass_refraction.viewport import shaders
+shaders.kept["one"] = "compiled"
 glass_refraction.unregister()
 assert traces() == before
+assert not shaders.kept
 """
     )
 

@@ -96,6 +96,11 @@ def test_lines_of_glasses_that_are_not_selected_are_not_seen(found):
     assert found["lines"] < 40
 
 
+def test_a_glass_of_ior_1_is_not_seen(found):
+    """Nor are the lines that it is drawn by, but for a few pixels where these end."""
+    assert found["clear"] < 20
+
+
 def test_nothing_happens_on_a_still_scene(found):
     assert found["still"]
 

@@ -109,6 +109,22 @@ def test_the_tree_finds_what_a_plain_search_finds(count):
         assert looked < 0.2 * 200 * count
 
 
+def test_nodes_are_halved_where_rays_look_at_the_fewest_triangles():
+    """Needles that lie side by side: to cut across them, the longest way, parts nothing."""
+    random = np.random.default_rng(4)
+    middles = random.uniform(-1.0, 1.0, (600, 1, 3)) * (1.0, 0.8, 0.8)
+    needles = np.array([(-0.8, 0.0, 0.0), (0.8, 0.0, 0.0), (0.8, 0.02, 0.02)])
+    points = middles + needles
+    tree = grown(points, np.ones_like(points))
+    looked = []
+    for _ in range(100):
+        origin, target = random.uniform(-2.0, 2.0, 3), random.uniform(-0.8, 0.8, 3)
+        direction = (target - origin) / np.linalg.norm(target - origin)
+        looked.append(walked(tree, origin, direction)[1])
+    # Halved across the longest side of what they span, nine.
+    assert np.mean(looked) < 7.5
+
+
 def test_a_deformed_mesh_keeps_its_order():
     points, normals = soup(300)
     tree = grown(points, normals)

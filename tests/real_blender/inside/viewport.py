@@ -27,6 +27,8 @@ REDRAWS = 20
 """Of each kind of motion; an even number leaves everything where it was."""
 STEP = (0.002, -0.002)
 """Metres by which eye or eraser move from redraw to redraw."""
+SEEN_STEP = 0.1
+"""A difference of colours that is a line's; anti-aliasing makes smaller ones from time to time."""
 FAR_OFF = 1e6
 """Metres: nothing of the scene is as far off."""
 
@@ -188,9 +190,29 @@ def lines():
         area.spaces.active.overlay.show_overlays = on
         yield from rest()
         pictures.append(screenshot(f"viewport_lines_{on}", area))
-    off = np.abs(pictures[0] - pictures[1]).max(axis=2) > 0.1
+    off = np.abs(pictures[0] - pictures[1]).max(axis=2) > SEEN_STEP
     x0, y0, x1, y1 = (int(v) for v in result["frame"])
     result["lines"] = int(off[y0 + 2 : y1 - 2, x0 + 2 : x1 - 2].sum())
+    flat_view(area, "SOLID")
+
+
+def clear():
+    """How many pixels of a view differ with a glass of ior 1 from those without any glass."""
+    (area,) = areas()
+    flat_view(area, "SOLID")
+    area.spaces.active.overlay.show_overlays = True
+    inputs = sys.modules[f"{NAME}.scene.read.modifier_inputs"]
+    glass = bpy.data.objects["Glass"]
+    before = inputs.read_input(glass.modifiers[0], "IOR")
+    inputs.write_input(glass.modifiers[0], "IOR", 1.0)
+    yield from rest()
+    shown = screenshot("viewport_clear", area)
+    glass.hide_set(True)
+    yield 1.5
+    hidden = screenshot("viewport_no_glass", area)
+    glass.hide_set(False)
+    inputs.write_input(glass.modifiers[0], "IOR", before)
+    result["clear"] = int((np.abs(shown - hidden).max(axis=2) > SEEN_STEP).sum())
     flat_view(area, "SOLID")
 
 
@@ -422,6 +444,7 @@ def steps():
     parts = (
         frames_like_f12,
         lines,
+        clear,
         stillness,
         memory,
         orbit,
