@@ -213,8 +213,9 @@ def mark_glasses(on: bool | None = None) -> None:
     for obj in bpy.data.objects:
         modifier = glass_modifier(obj) if obj.type == "MESH" and obj.is_editable else None
         if modifier is not None and has_input(modifier, EDGES):
-            computed = any(scene.refractive_glass.enabled for scene in obj.users_scene)
-            write_input(modifier, EDGES, on and computed)
+            # Without the extension scenes have no settings.
+            on_here = on and any(scene.refractive_glass.enabled for scene in obj.users_scene)
+            write_input(modifier, EDGES, on_here)
 
 
 def _before_view() -> None:
@@ -831,10 +832,13 @@ def unregister() -> None:
     """Switch every view off and take all handlers and timers out."""
     if _shown:
         _shown.clear()
-        mark_glasses()
+        if is_rendering():
+            # Works without the extension, too.
+            _soon(_mark_shown)
+        else:
+            mark_glasses()
     _views.clear()
     _match_handlers()
     _set_handlers(_ALWAYS, False)
-    for timer in (_rest, _mark_shown):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    if bpy.app.timers.is_registered(_rest):
+        bpy.app.timers.unregister(_rest)
