@@ -77,8 +77,9 @@ SETTLED = 2
 """Redraws in a row without a material being compiled, after which an engine shows no stand-ins.
 What was compiled is taken up between redraws: the first one may still have shown some."""
 EDGES = "Edges in Viewport"
-LINE_SIZE, LINE_PLACE = 12.0, (24.0, 24.0)
-"""Of the line of text: its size, and where it begins from the lower left corner, pixels."""
+LINE_SIZE, LINE_HEIGHT = 12.0, 24.0
+"""Of the line of text: its size, and how high it stands in the middle, pixels. To the left of it is
+Blender's panel of the last operation."""
 
 counters: Counter[str] = Counter()
 """Since start: ``draws`` of views that ask, ``traces`` of a sample, ``faces`` of captures,
@@ -249,7 +250,8 @@ def _after_pixels() -> None:
         scale = context.preferences.system.ui_scale
         blf.size(0, LINE_SIZE * scale)
         blf.color(0, 1.0, 1.0, 1.0, 0.8)
-        blf.position(0, LINE_PLACE[0] * scale, LINE_PLACE[1] * scale, 0.0)
+        left = 0.5 * (context.region.width - blf.dimensions(0, line)[0])
+        blf.position(0, left, LINE_HEIGHT * scale, 0.0)
         blf.draw(0, line)
 
 
