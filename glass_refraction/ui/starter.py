@@ -18,8 +18,6 @@ STRAW_SIDES = 24
 STRAW_AT = (0.003, 0.0, 0.086)
 EYE, TARGET, LENS = (0.08, -0.46, 0.115), (0.005, 0.0, 0.076), 60.0
 LAMP_AT, LAMP_SIZE, LAMP_WATTS = (-0.45, -0.35, 0.75), 0.35, 9.0
-LAMP_SCALE = 0.35
-"""Of the lamp's object: Blender draws a line of 1 m along it, which would cross the glass."""
 WOOD, TILE, JOINT = (0.40, 0.24, 0.13, 1.0), (0.62, 0.60, 0.52, 1.0), (0.33, 0.42, 0.50, 1.0)
 RED, DAYLIGHT = (0.70, 0.03, 0.03, 1.0), (0.75, 0.82, 0.90, 1.0)
 
@@ -60,10 +58,8 @@ def _furnish(scene: bpy.types.Scene) -> None:
     straw = _tube(scene)
     straw.location, straw.rotation_euler = STRAW_AT, (0.0, STRAW_TILT, 0.0)
     data = bpy.data.lights.new("Lamp", "AREA")
-    data.size, data.energy = LAMP_SIZE / LAMP_SCALE, LAMP_WATTS
-    lamp = _link(scene, "Lamp", data)
-    lamp.scale = (LAMP_SCALE,) * 3
-    _look(lamp, LAMP_AT)
+    data.size, data.energy = LAMP_SIZE, LAMP_WATTS
+    _look(_link(scene, "Lamp", data), LAMP_AT)
     world = bpy.data.worlds.new(NAME)
     ground = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
     ground.inputs["Color"].default_value = DAYLIGHT
