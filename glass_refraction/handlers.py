@@ -13,6 +13,8 @@ Nothing here calls an operator or evaluates a depsgraph: inside a handler that r
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from functools import wraps
 
 import bpy
 from bpy.app.handlers import persistent
@@ -25,6 +27,7 @@ from .scene.progress import Stopped, ask_to_stop, go_on, tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
 from .scene.vertices import motion_blur
+from .viewport.jobs import is_rendering
 
 REST_SECONDS = 0.3
 """Changes come in bursts (a dragged object, a slider): wait for the last one."""
@@ -36,6 +39,10 @@ _asked: set[int] = set()
 _withdrawn: set[int] = set()
 """Scenes that are to be prepared again once the file is saved."""
 _rendering = False
+"""Between a render's handlers, whichever thread it runs in."""
+_registered = False
+_working = threading.RLock()
+"""Held by a handler that works in a render's thread."""
 _own_rendered = False
 """Whether the render that goes on has come to an own scene."""
 LEFT_OUT = (
@@ -84,8 +91,7 @@ def _serve() -> float | None:
 
     Nothing is solved here: a render does that for its own frame, and until one starts nobody looks.
     """
-    # A comparison hides the glasses meanwhile: nothing may be taken away for that.
-    if _rendering or any(own(scene, REFERENCE) for scene in bpy.data.scenes):
+    if _is_in_use():
         return REST_SECONDS
     leave_own_scenes()
     for scene in bpy.data.scenes:
@@ -95,6 +101,16 @@ def _serve() -> float | None:
     return None
 
 
+def _is_in_use() -> bool:
+    """Whether a render may hold what was prepared, or a comparison hides the glasses meanwhile."""
+    return _renders() or any(own(scene, REFERENCE) for scene in bpy.data.scenes)
+
+
+def _renders() -> bool:
+    """Whether any render goes on. One that began before the extension was enabled counts too."""
+    return _rendering or is_rendering()
+
+
 def _prepare(scene: bpy.types.Scene) -> None:
     """Prepare a scene; what is wrong with it ends in its status, for the panel."""
     if scene.library is not None:
@@ -102,13 +118,13 @@ def _prepare(scene: bpy.types.Scene) -> None:
     depsgraph = any_depsgraph(scene)
     if depsgraph is None:
         # Nobody looks at it; an undone deletion may have brought it back with what stood for it.
-        if not _rendering:
+        if not _renders():
             door.withdraw(scene)
         return
     try:
-        door.prepare(scene, depsgraph, rendering=_rendering)
+        door.prepare(scene, depsgraph, rendering=_renders())
     except RefractiveGlassError as error:
-        door.remove(scene, rendering=_rendering)
+        door.remove(scene, rendering=_renders())
         door.status(scene).problems = [str(error)]
 
 
@@ -244,7 +260,7 @@ def _on_load(*_) -> None:
 @persistent
 def _before_load(*_) -> None:
     """Blender ends a render before it reads a file, and waits for it."""
-    if _rendering:
+    if _renders():
         ask_to_stop()
 
 
@@ -261,7 +277,7 @@ def _before_data_replaced(*_) -> None:
     A data-block that was the same in two steps it leaves as it is; if a preparation has made that
     point to something newer, it points to nothing afterwards, and Blender crashes.
     """
-    if not _rendering:
+    if not _renders():
         for scene in _users_scenes():
             door.withdraw(scene)
 
@@ -269,7 +285,7 @@ def _before_data_replaced(*_) -> None:
 @persistent
 def _on_save(*_) -> None:
     _withdrawn.clear()
-    if not _rendering:
+    if not _renders():
         _withdrawn.update(s.session_uid for s in _users_scenes() if door.withdraw(s))
 
 
@@ -281,27 +297,50 @@ def _on_saved(*_) -> None:
     _withdrawn.clear()
 
 
-_TABLE = (
-    ("depsgraph_update_post", _on_depsgraph_update),
-    ("frame_change_post", _on_frame_change),
-    ("render_init", _on_render_init),
-    ("render_pre", _on_render_frame),
-    ("render_complete", _on_render_complete),
-    ("render_cancel", _on_render_end),
-    ("undo_pre", _before_data_replaced),
-    ("redo_pre", _before_data_replaced),
-    ("undo_post", _on_data_replaced),
-    ("redo_post", _on_data_replaced),
-    ("load_pre", _before_load),
-    ("load_post", _on_load),
-    ("save_pre", _on_save),
-    ("save_post", _on_saved),
-    ("save_post_fail", _on_saved),
+def _guarded(function: Callable) -> Callable:
+    """The handler; in a render's thread one that :func:`unregister` waits for."""
+
+    @wraps(function)
+    def handler(*arguments) -> None:
+        if threading.current_thread() is threading.main_thread():
+            function(*arguments)
+            return
+        with _working:
+            # Blender may have read the list of handlers before this one was taken out.
+            if _registered:
+                function(*arguments)
+
+    return handler
+
+
+_TABLE = tuple(
+    (name, _guarded(function))
+    for name, function in (
+        ("depsgraph_update_post", _on_depsgraph_update),
+        ("frame_change_post", _on_frame_change),
+        ("render_init", _on_render_init),
+        ("render_pre", _on_render_frame),
+        ("render_complete", _on_render_complete),
+        ("render_cancel", _on_render_end),
+        ("undo_pre", _before_data_replaced),
+        ("redo_pre", _before_data_replaced),
+        ("undo_post", _on_data_replaced),
+        ("redo_post", _on_data_replaced),
+        ("load_pre", _before_load),
+        ("load_post", _on_load),
+        ("save_pre", _on_save),
+        ("save_post", _on_saved),
+        ("save_post_fail", _on_saved),
+    )
 )
 
 
 def register() -> None:
     """Append every handler; a file that is open is prepared once Blender lets data be seen."""
+    global _registered, _own_rendered
+    _registered = True
+    # Of a render that goes on it is not known.
+    _own_rendered = True
     for name, function in _TABLE:
         getattr(bpy.app.handlers, name).append(function)
     if not bpy.app.background:
@@ -311,8 +350,9 @@ def register() -> None:
 def unregister() -> None:
     """Take every handler and the timer out again, and out of the file what nobody would look after.
 
-    What is baked stays: it needs nobody.
+    What is baked stays: it needs nobody. What a render holds stays until it has ended.
     """
+    global _registered, _rendering
     for name, function in _TABLE:
         handlers = getattr(bpy.app.handlers, name)
         if function in handlers:
@@ -320,7 +360,24 @@ def unregister() -> None:
     for timer in (_serve, _request_all):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
-    for scene in _users_scenes():
-        door.withdraw(scene)
+    # The scenes' settings go next, and a render's thread may be reading them.
+    ask_to_stop()
+    with _working:
+        _registered = _rendering = False
+    go_on()
+    wait = _leave()
+    if wait is not None:
+        bpy.app.timers.register(_leave, first_interval=wait)
     _asked.clear()
     door.forget()
+
+
+def _leave() -> float | None:
+    """Timer: take out of the file what nobody looks after any more, once no render holds it."""
+    if _registered:
+        return None
+    if _is_in_use():
+        return REST_SECONDS
+    for scene in _users_scenes():
+        door.withdraw(scene)
+    return None

@@ -19,6 +19,7 @@ from .ui import (
     progress,
     properties,
     starter,
+    stepwise,
     translations,
 )
 
@@ -39,6 +40,7 @@ _PARTS = (
     asset_library,
     command,
     handlers,
+    stepwise,
 )
 
 

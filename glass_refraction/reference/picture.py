@@ -62,18 +62,40 @@ def rendering_picture(scene: bpy.types.Scene) -> Generator[Request, object, np.n
         return load_picture(path)
 
 
+class Requests:
+    """What steps ask for, one after the other.
+
+    Attributes
+    ----------
+    answer : to the last request; set before the next one is taken.
+    result : what the steps ended with.
+    """
+
+    def __init__(self, steps: Generator[Request, object, object]) -> None:
+        self._steps = steps
+        self.answer: object = None
+        self.result: object = None
+
+    def __iter__(self) -> Iterator[Request]:
+        while True:
+            try:
+                request = self._steps.send(self.answer)
+            except StopIteration as end:
+                self.result = end.value
+                return
+            self.answer = None
+            yield request
+
+
 def finished(steps: Generator[Request, object, object]) -> object:
     """What steps end with, where each request is met at once."""
-    value = None
-    while True:
-        try:
-            request = steps.send(value)
-        except StopIteration as end:
-            return end.value
+    requests = Requests(steps)
+    for request in requests:
         if isinstance(request, bpy.types.Scene):
-            value = bpy.ops.render.render(write_still=True, scene=request.name)
+            bpy.ops.render.render(write_still=True, scene=request.name)
         else:
-            value = request()
+            requests.answer = request()
+    return requests.result
 
 
 def load_picture(path: Path | str) -> np.ndarray:

@@ -92,6 +92,7 @@ difference"""
 
     def _steps(self, context: bpy.types.Context) -> Steps:
         from ..reference.compare import comparing
+        from ..reference.picture import Requests
 
         told = Step(0.0, "")
 
@@ -102,27 +103,23 @@ difference"""
         steps = comparing(
             context.scene, self._folder(), samples=self.samples or None, progress=progress
         )
-        value = None
+        requests = Requests(steps)
         yield told
         with closing(steps), ThreadPoolExecutor(max_workers=1) as threads, _no_window():
-            while True:
-                try:
-                    request = steps.send(value)
-                except StopIteration as end:
-                    return end.value
+            for request in requests:
                 if isinstance(request, bpy.types.Scene):
                     how = "INVOKE_DEFAULT" if self._is_modal else "EXEC_DEFAULT"
                     bpy.ops.render.render(how, write_still=True, scene=request.name)
-                    value = None
                     while bpy.app.is_job_running("RENDER"):
                         yield None
                 else:
                     work = threads.submit(request)
                     while not work.done():
                         yield None
-                    value = work.result()
+                    requests.answer = work.result()
                 # A place where it may be closed.
                 yield told
+        return requests.result
 
 
 @contextmanager

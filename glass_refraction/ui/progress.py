@@ -45,6 +45,8 @@ class _Shown:
 
 
 _shown = _Shown()
+_timers: list[bpy.types.Timer] = []
+"""Of the operators that watch for Esc, one for each window."""
 
 
 def line(doing: str | None, seconds: float) -> str | None:
@@ -85,6 +87,7 @@ class WM_OT_refractive_glass_watch(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, _event) -> set[str]:
         manager = context.window_manager
         self._timer = manager.event_timer_add(LOOK_SECONDS, window=context.window)
+        _timers.append(self._timer)
         manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -95,20 +98,31 @@ class WM_OT_refractive_glass_watch(bpy.types.Operator):
             progress.ask_to_stop()
         if bpy.app.is_job_running("RENDER"):
             return {"PASS_THROUGH"}
-        context.window_manager.event_timer_remove(self._timer)
+        _remove_timer(self._timer)
         return {"FINISHED", "PASS_THROUGH"}
 
     def cancel(self, context: bpy.types.Context) -> None:
         # Blender closes the window. With the render's own it ends the render, and waits for it.
-        if any(operator.bl_idname == _RENDER for operator in context.window.modal_operators):
+        if _RENDER in _modal_operators(context.window):
             progress.ask_to_stop()
-        context.window_manager.event_timer_remove(self._timer)
+        _remove_timer(self._timer)
+
+
+def _remove_timer(timer: bpy.types.Timer) -> None:
+    _timers.remove(timer)
+    bpy.context.window_manager.event_timer_remove(timer)
+
+
+def _modal_operators(window: bpy.types.Window) -> set[str]:
+    """Names of the operators that go on in a window."""
+    # Blender lists None for one whose class has been unregistered, until the next event.
+    return {o.bl_idname for o in window.modal_operators if o is not None}
 
 
 def _watch_windows() -> None:
     """Have Esc noticed in every window; a render may have opened one."""
     for window in bpy.context.window_manager.windows:
-        if all(o.bl_idname != _WATCH for o in window.modal_operators):
+        if _WATCH not in _modal_operators(window):
             with bpy.context.temp_override(window=window):
                 bpy.ops.wm.refractive_glass_watch("INVOKE_DEFAULT")
 
@@ -166,6 +180,11 @@ def unregister() -> None:
     bpy.app.handlers.render_init.remove(_on_render_init)
     if bpy.app.timers.is_registered(_look):
         bpy.app.timers.unregister(_look)
+    if _shown.line is not None:
+        _show(None)
+    # Blender frees operators with their class, without a word to them.
+    for timer in list(_timers):
+        _remove_timer(timer)
     if _shown.handle is not None:
         bpy.types.SpaceImageEditor.draw_handler_remove(_shown.handle, "WINDOW")
         _shown.handle = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
+from functools import partial
 
 import bpy
 from bpy.app.translations import pgettext_rpt as _rpt
@@ -22,6 +23,9 @@ Steps = Generator[Step | None, None, object]
 
 It may be closed at each and leaves all as it was then. None in place of a step: something goes on
 elsewhere, there is nothing to do before the next look, and closing must wait."""
+
+_going: list[Stepwise] = []
+"""Operators whose work is not done."""
 
 
 class Stepwise:
@@ -56,6 +60,7 @@ class Stepwise:
         self._timer = manager.event_timer_add(self.look_seconds, window=context.window)
         manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
+        _going.append(self)
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -111,6 +116,20 @@ class Stepwise:
         if self._timer is None:
             return
         self._work.close()
+        self._let_go(context)
+
+    def stop(self, context: bpy.types.Context) -> None:
+        """As :meth:`cancel`, at any time: the work is closed once what it waits for has ended."""
+        if self._waits:
+            bpy.app.timers.register(
+                partial(_close, self._work, self.look_seconds), first_interval=self.look_seconds
+            )
+        else:
+            self._work.close()
+        self._let_go(context)
+
+    def _let_go(self, context: bpy.types.Context) -> None:
+        _going.remove(self)
         manager = context.window_manager
         manager.event_timer_remove(self._timer)
         self._timer = None
@@ -127,3 +146,27 @@ class Stepwise:
             )
         if context.workspace is not None:
             context.workspace.status_text_set(self._said)
+
+
+def _close(work: Steps, look_seconds: float) -> float | None:
+    """Timer: close the work of an operator that is gone, where it may be closed."""
+    try:
+        if next(work) is None:
+            return look_seconds
+    except StopIteration:
+        return None
+    except TROUBLE:
+        # What it waited for has failed; nobody reads of it any more, and the work has tidied up.
+        return None
+    work.close()
+    return None
+
+
+def register() -> None:
+    """There is nothing to register."""
+
+
+def unregister() -> None:
+    """Stop what goes on: Blender frees operators with their classes, without a word to them."""
+    for operator in list(_going):
+        operator.stop(bpy.context)

@@ -77,8 +77,9 @@ SETTLED = 2
 """Redraws in a row without a material being compiled, after which an engine shows no stand-ins.
 What was compiled is taken up between redraws: the first one may still have shown some."""
 EDGES = "Edges in Viewport"
-LINE_SIZE, LINE_PLACE = 12.0, (24.0, 24.0)
-"""Of the line of text: its size, and where it begins from the lower left corner, pixels."""
+LINE_SIZE, LINE_HEIGHT = 12.0, 24.0
+"""Of the line of text: its size, and how high it stands in the middle, pixels. To the left of it is
+Blender's panel of the last operation."""
 
 counters: Counter[str] = Counter()
 """Since start: ``draws`` of views that ask, ``traces`` of a sample, ``faces`` of captures,
@@ -213,8 +214,9 @@ def mark_glasses(on: bool | None = None) -> None:
     for obj in bpy.data.objects:
         modifier = glass_modifier(obj) if obj.type == "MESH" and obj.is_editable else None
         if modifier is not None and has_input(modifier, EDGES):
-            computed = any(scene.refractive_glass.enabled for scene in obj.users_scene)
-            write_input(modifier, EDGES, on and computed)
+            # Without the extension scenes have no settings.
+            on_here = on and any(scene.refractive_glass.enabled for scene in obj.users_scene)
+            write_input(modifier, EDGES, on_here)
 
 
 def _before_view() -> None:
@@ -248,7 +250,8 @@ def _after_pixels() -> None:
         scale = context.preferences.system.ui_scale
         blf.size(0, LINE_SIZE * scale)
         blf.color(0, 1.0, 1.0, 1.0, 0.8)
-        blf.position(0, LINE_PLACE[0] * scale, LINE_PLACE[1] * scale, 0.0)
+        left = 0.5 * (context.region.width - blf.dimensions(0, line)[0])
+        blf.position(0, left, LINE_HEIGHT * scale, 0.0)
         blf.draw(0, line)
 
 
@@ -832,11 +835,14 @@ def unregister() -> None:
     """Switch every view off, take all handlers and timers out and let go of what is on the GPU."""
     if _shown:
         _shown.clear()
-        mark_glasses()
+        if is_rendering():
+            # Works without the extension, too.
+            _soon(_mark_shown)
+        else:
+            mark_glasses()
     _views.clear()
     shaders.kept.clear()
     _match_handlers()
     _set_handlers(_ALWAYS, False)
-    for timer in (_rest, _mark_shown):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    if bpy.app.timers.is_registered(_rest):
+        bpy.app.timers.unregister(_rest)

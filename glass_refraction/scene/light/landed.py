@@ -18,7 +18,16 @@ import numpy as np
 from ..progress import check
 from ..rays.caster import Caster
 from ..rays.columns import Columns, joined
-from ..rays.exits import Neighbours, PictureRays, centre_rays, grid, neighbours, together
+from ..rays.exits import (
+    MARGIN_PX,
+    Neighbours,
+    PictureRays,
+    centre_rays,
+    grid,
+    neighbours,
+    pixel_rect,
+    together,
+)
 from ..rays.follow import Follower, Kept
 from ..rays.hits import Scene, Ways
 from ..read.viewpoint import Viewpoint
@@ -28,8 +37,6 @@ STEPS = 0.7548776662466927, 0.5698402909980532
 """By which the grids of a lamp's places are shifted, one after another: of all sequences the one
 that fills a square most evenly (M. Roberts, The Unreasonable Effectiveness of Quasirandom
 Sequences, 2018)."""
-MARGIN_PX = 2
-"""Pixels round the glasses' outlines."""
 MOST_SPREAD = 0.5
 """Of the glasses' size: what a cell's light spreads at most."""
 ALONE = 3.0
@@ -123,19 +130,6 @@ def sees(eye: Eye, corners: np.ndarray) -> bool:
     """Whether a box with these corners may be in an eye's frame."""
     x0, y0, x1, y1 = pixel_rect(eye.seeing((1, 1), np.zeros(2)), corners)
     return x1 > x0 and y1 > y0
-
-
-def pixel_rect(view: Viewpoint, corners: np.ndarray) -> tuple[int, int, int, int]:
-    """Pixels (x0, y0, x1, y1), half open, that a glass can cover whose box has these corners."""
-    clip = view.clip(corners)
-    width, height = view.size
-    if np.any(clip[:, 2] <= 0):
-        # Some of it is behind the eye, or the eye is in it.
-        return (0, 0, 0, 0) if np.all(clip[:, 2] <= 0) else (0, 0, width, height)
-    xy = clip[:, :2] / clip[:, 2:3] * (width, height)
-    low = np.floor(np.clip(xy.min(axis=0) - MARGIN_PX, 0, (width, height))).astype(int)
-    high = np.ceil(np.clip(xy.max(axis=0) + MARGIN_PX, 0, (width, height))).astype(int)
-    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
 def follow_light(

@@ -94,8 +94,7 @@ def light_maps(
 
     def follower_of(view: Viewpoint, known: Kept) -> Follower:
         found = replace(follower, view=view, caster=caster, kept=known, through=None)
-        glasses = follower.kept.stamp[1:]
-        known.match((view.stamp(), *glasses))
+        known.match(view.stamp(), follower.kept.glasses)
         return found
 
     seen = {}

@@ -9,6 +9,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from ..read.viewpoint import Viewpoint
 from .columns import joined
 from .follow import Follower, way_codes
 from .hits import TOGETHER, Shown, Ways
@@ -42,6 +43,8 @@ WORKBENCH_SIGMA = {"OFF": 0.0, "FXAA": 0.35, "5": 0.38}
 """Pixels, by Workbench's anti-aliasing, as measured on an edge."""
 WORKBENCH_MANY = 0.44
 """The same with more samples."""
+MARGIN_PX = 2
+"""Pixels round the glasses' outlines."""
 
 
 def filter_sigma(engine: str, filter_size: float) -> float:
@@ -65,6 +68,19 @@ class PictureRays:
     share: np.ndarray
     dark: np.ndarray
     ways: Ways
+
+
+def pixel_rect(view: Viewpoint, corners: np.ndarray) -> tuple[int, int, int, int]:
+    """Pixels (x0, y0, x1, y1), half open, that a glass can cover whose box has these corners."""
+    clip = view.clip(corners)
+    width, height = view.size
+    if np.any(clip[:, 2] <= 0):
+        # Some of it is behind the eye, or the eye is in it.
+        return (0, 0, 0, 0) if np.all(clip[:, 2] <= 0) else (0, 0, width, height)
+    xy = clip[:, :2] / clip[:, 2:3] * (width, height)
+    low = np.floor(np.clip(xy.min(axis=0) - MARGIN_PX, 0, (width, height))).astype(int)
+    high = np.ceil(np.clip(xy.max(axis=0) + MARGIN_PX, 0, (width, height))).astype(int)
+    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
 def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.ndarray:

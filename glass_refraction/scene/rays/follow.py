@@ -53,17 +53,18 @@ class Kept:
 
     Attributes
     ----------
-    stamp : of eye and glasses.
+    eye : stamp of where rays begin. glasses : stamps of these and of how they are followed.
     parts : least weight and places -> blocks one behind another in the picture.
     """
 
-    stamp: tuple = ()
+    eye: tuple = ()
+    glasses: tuple = ()
     parts: dict[tuple[float, bytes], list[Block]] = field(default_factory=dict)
 
-    def match(self, stamp: tuple) -> None:
+    def match(self, eye: tuple, glasses: tuple) -> None:
         """Forget what was found for another eye or other glasses."""
-        if stamp != self.stamp:
-            self.stamp = stamp
+        if (eye, glasses) != (self.eye, self.glasses):
+            self.eye, self.glasses = eye, glasses
             self.parts.clear()
 
     @property

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ... import optics
-from ..light.landed import pixel_rect
 from ..light.light import KeptLight, LightSettings, light_maps
 from ..progress import tell
 from ..read.glasses import Glass, as_body
@@ -29,6 +28,7 @@ from .exits import (
     filter_sigma,
     grid,
     neighbours,
+    pixel_rect,
     spacing,
     sun_light,
 )
@@ -240,7 +240,8 @@ def _follower(
 ) -> Follower:
     """Follows the rays of the picture."""
     view = frame.view
-    kept.match((view.stamp(), frame.min_weight, frame.fresnel, *(g.stamp() for g in frame.glasses)))
+    glasses = tuple(glass.stamp() for glass in frame.glasses)
+    kept.match(view.stamp(), (frame.min_weight, frame.fresnel, *glasses))
     return Follower(
         view,
         _bands(frame.glasses),

@@ -124,6 +124,10 @@ def _dump(struct, lines, path="", depth=0, deepest=4):
             continue
         if name in _WORKED_OUT and isinstance(struct, bpy.types.NodeSocket):
             continue
+        if name == "name" and isinstance(struct, bpy.types.MaterialSlot):
+            # The name of its material, which has a line of its own. The number behind the name of
+            # a glass's material is not the user's.
+            continue
         here = f"{path}.{name}"
         try:
             value = getattr(struct, name)

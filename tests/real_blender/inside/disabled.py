@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Inside Blender with a window: the extension is disabled while it is at work.
+
+Argument: output folder. Each part tells what it was disabled at and what was left a while later.
+"""
+
+import sys
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+from windowed import view_3d, walk
+
+FOLDER = Path(sys.argv[-1])
+MODULE = "bl_ext.user_default.refractive_glass"
+KINDS = ("scenes", "objects", "meshes", "cameras", "collections", "materials", "images")
+OF_A_GLASS = {"glass", "shadow"}
+result = {}
+
+
+def part(name):
+    return sys.modules[f"{MODULE}.glass_refraction.{name}"]
+
+
+def running():
+    return bpy.app.is_job_running("RENDER")
+
+
+def disable():
+    bpy.ops.preferences.addon_disable(module=MODULE)
+
+
+def enable():
+    bpy.ops.preferences.addon_enable(module=MODULE)
+
+
+def left():
+    """What of the extension's is in the file beside the glasses, and what it left otherwise."""
+    found = [
+        f"{kind}: {block.name}"
+        for kind in KINDS
+        for block in getattr(bpy.data, kind)
+        if "refractive_glass" in block and block["refractive_glass"] not in OF_A_GLASS
+    ]
+    inputs = part("scene.read.modifier_inputs")
+    for name, wanted in (("Show in Render", True), ("Edges in Viewport", False)):
+        value = inputs.read_input(bpy.data.objects["Glass"].modifiers[0], name)
+        if value != wanted:
+            found.append(f"{name}: {value}")
+    display = bpy.context.preferences.view.render_display_type
+    if display != "NONE":
+        found.append(f"renders show in: {display}")
+    return found
+
+
+def fresh(engine="BLENDER_WORKBENCH", shading="TRUE", size=(160, 120)):
+    """A scene with a cube in a glass, in Blender's window."""
+    bpy.ops.wm.read_homefile(use_factory_startup=False, use_empty=False, load_ui=False)
+    scene = bpy.context.scene
+    render = scene.render
+    render.engine, render.resolution_percentage = engine, 100
+    render.resolution_x, render.resolution_y = size
+    scene.cycles.samples, scene.cycles.use_denoising = 32, False
+    scene.refractive_glass.shading = shading
+    with bpy.context.temp_override(**view_3d()):
+        bpy.ops.object.refractive_glass_add(
+            "INVOKE_DEFAULT", shape="CYLINDER", radius=2.0, wall_thickness=0.2, height=3.0
+        )
+        bpy.context.window_manager.refractive_glass_overlay = False
+    bpy.context.view_layer.objects.active.name = "Glass"
+    return scene
+
+
+def prepared(scene):
+    """Steps: until a render of the scene would show the glass."""
+    while not part("scene.build.own_scenes").find_own_scenes(scene):
+        yield 0.05
+    yield 0.5
+
+
+def invoke(operator, **properties):
+    with bpy.context.temp_override(**view_3d()):
+        operator("INVOKE_DEFAULT", **properties)
+
+
+def doing(beginning):
+    """Steps: until the render's thread says that it does something like this."""
+    while running() and not (part("scene.progress").doing() or "").startswith(beginning):
+        yield 0.01
+
+
+def rest(name):
+    """Steps: until nothing is left of what was disabled, but no longer than needed for that."""
+    while running():
+        yield 0.05
+    for _ in range(20):
+        yield 0.2
+        if not left():
+            break
+    result[name]["left"] = left()
+    enable()
+    yield 1
+
+
+def rendered_while_computed():
+    """In the render's thread the extension reads the scene's settings, which go."""
+    yield from prepared(fresh(size=(1280, 720)))
+    invoke(bpy.ops.render.render)
+    yield from doing("following light")
+    yield 0.3
+    result["computed"] = {"at": part("scene.progress").doing()}
+    disable()
+    result["computed"]["after"] = part("scene.progress").doing()
+    yield from rest("computed")
+
+
+def rendered_while_drawn():
+    """The engine draws an own scene: it crashed where that was freed."""
+    yield from prepared(fresh("CYCLES"))
+    invoke(bpy.ops.render.render)
+    yield from doing("rendering what else")
+    result["drawn"] = {"at": part("scene.progress").doing(), "running": running()}
+    disable()
+    yield from rest("drawn")
+
+
+def enabled_again():
+    """Blender lists None in place of the operators that watch for Esc."""
+    yield from prepared(fresh(size=(1280, 720)))
+    invoke(bpy.ops.render.render)
+    yield from doing("following light")
+    yield 0.5
+    disable()
+    enable()
+    result["again"] = {"running": running()}
+    yield from rest_enabled()
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = 64, 48
+    ended = []
+    bpy.app.handlers.render_complete.append(lambda *_: ended.append("complete"))
+    invoke(bpy.ops.render.render)
+    while running():
+        yield 0.05
+    yield 1
+    result["again"]["ended"] = ended
+    result["again"]["problems"] = list(part("scene.update").status(scene).problems)
+    result["again"]["covered"] = part("scene.update").status(scene).covered
+    disable()
+    yield from rest("again")
+
+
+def rest_enabled():
+    while running():
+        yield 0.05
+    yield 1
+
+
+def compared():
+    """A comparison hides the glass, changes settings and has a scene of its own rendered."""
+    yield from prepared(fresh("CYCLES"))
+    invoke(bpy.ops.scene.refractive_glass_compare, directory=str(FOLDER / "compare"), samples=16)
+    while not any(s.get("refractive_glass") == "reference" for s in bpy.data.scenes):
+        yield 0.01
+    while not running():
+        yield 0.01
+    result["compared"] = {"running": running()}
+    disable()
+    yield from rest("compared")
+
+
+def baked():
+    scene = fresh(shading="DISPLACED")
+    scene.frame_start, scene.frame_end = 1, 40
+    yield from prepared(scene)
+    invoke(bpy.ops.scene.refractive_glass_bake, directory=str(FOLDER / "bake"))
+    yield 0.3
+    result["baked"] = {"under_way": len(part("scene.bake.playback").under_way)}
+    disable()
+    result["baked"]["after"] = len(part("scene.bake.playback").under_way)
+    result["baked"]["files"] = [p.name for p in (FOLDER / "bake").rglob("*") if p.is_file()]
+    yield from rest("baked")
+
+
+def shown():
+    """The refracted picture of a view, while something moves in it."""
+    fresh()
+    yield 1
+    with bpy.context.temp_override(**view_3d()):
+        bpy.context.window_manager.refractive_glass_overlay = True
+    yield 1
+    invoke(bpy.ops.screen.animation_play)
+    yield 0.5
+    result["shown"] = {"handles": len(part("viewport.views")._handles)}
+    disable()
+    result["shown"]["after"] = len(part("viewport.views")._handles)
+    yield 0.5
+    invoke(bpy.ops.screen.animation_play)
+    yield from rest("shown")
+
+
+def steps():
+    """Each ``yield`` gives Blender that many seconds to draw and to run its timers."""
+    bpy.context.preferences.view.render_display_type = "NONE"
+    yield 1
+    yield from rendered_while_computed()
+    yield from rendered_while_drawn()
+    yield from enabled_again()
+    yield from compared()
+    yield from baked()
+    yield from shown()
+
+
+walk(steps(), result, FOLDER)
