@@ -202,6 +202,108 @@ def test_a_ball_gathers_light_as_snell_says(tmp_path, monkeypatch, depth):
     assert np.abs(ours - expected)[clear & (edges[:-1] > 0.008)].max() < 0.1
 
 
+TUBE, WALL, WATER = 0.04, 0.003, 1.333
+
+
+def _tube_light(depth, half_angle, edges, count=1_000_000):
+    """What a lying tube of water changes, by strips of a floor ``depth`` below its axis.
+
+    By Snell in its cross-section; slopes along the tube are too small to count.
+    """
+    rng = np.random.default_rng(5)
+    radii, iors = (TUBE, TUBE - WALL), (1.0, IOR, WATER)
+    slope = np.tan(half_angle) * np.sqrt(rng.random(count)) * np.cos(2 * np.pi * rng.random(count))
+    along = np.stack((slope, -np.ones(count)), axis=1)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    aside = TUBE * (2 * (np.arange(count) + rng.random(count)) / count - 1)
+    place = aside[:, None] * np.stack((-along[:, 1], along[:, 0]), axis=1)
+    sums = np.zeros(len(edges) - 1)
+
+    def land(place, along, light):
+        down = along[:, 1] < -1e-9
+        way = -(place[down, 1] + depth) / along[down, 1]
+        there = place[down, 0] + way * along[down, 0]
+        sums[:] += np.histogram(there, edges, weights=light[down])[0]
+
+    light = np.full(count, 2 * TUBE / count)
+    land(place, along, -light)
+    place = place - 2 * TUBE * along
+    # The medium a ray is in: 0 outside, 1 in the wall, 2 in the water.
+    medium = np.zeros(count, int)
+    for _ in range(12):
+        middle = (place * along).sum(axis=1)
+        apart = middle**2 - (place**2).sum(axis=1)
+        way, circle = np.full(len(place), np.inf), np.zeros(len(place), int)
+        for number, radius in enumerate(radii):
+            inner = apart + radius**2
+            for sign in (-1, 1):
+                found = -middle + sign * np.sqrt(np.maximum(inner, 0.0))
+                nearer = (inner > 0.0) & (found > 1e-9) & (found < way)
+                way[nearer], circle[nearer] = found[nearer], number
+        left = np.isinf(way)
+        land(place[left], along[left], light[left])
+        place, along, light, medium, way, circle = (
+            part[~left] for part in (place, along, light, medium, way, circle)
+        )
+        place = place + way[:, None] * along
+        normal = place / np.linalg.norm(place, axis=1)[:, None]
+        normal *= -np.sign((normal * along).sum(axis=1))[:, None]
+        cosine = -(along * normal).sum(axis=1)
+        beyond = np.where(medium == circle, circle + 1, circle)
+        eta = np.take(iors, medium) / np.take(iors, beyond)
+        mirrored = fresnel(cosine, eta)
+        through = np.sqrt(np.maximum(1 - eta**2 * (1 - cosine**2), 0.0))
+        bent = eta[:, None] * along + (eta * cosine - through)[:, None] * normal
+        mirror = along + 2 * cosine[:, None] * normal
+        place, along = np.concatenate((place, place)), np.concatenate((bent, mirror))
+        light = np.concatenate((light * (1 - mirrored), light * mirrored))
+        medium = np.concatenate((beyond, medium))
+        strong = light > 1e-3 * 2 * TUBE / count
+        place, along, light, medium = (part[strong] for part in (place, along, light, medium))
+    return sums / np.diff(edges)
+
+
+@pytest.mark.parametrize("depth", [0.045, 0.06, 0.1])
+def test_a_tube_of_water_gathers_light_as_snell_says(tmp_path, monkeypatch, depth):
+    """Its caustic's edges too, before and behind where its light crosses."""
+    width, wide = 160, 0.12
+    scene = _floor(width, 24, wide=wide, min_weight=2e-3)
+    scene.refractive_glass.light_rays = 80_000
+    tube = scenes.glass(
+        shape="CYLINDER", radius=TUBE, wall_thickness=WALL, height=0.12, ior=IOR, contents_ior=WATER
+    )
+    tube.location, tube.rotation_euler = (0.0, 0.06, depth), (np.pi / 2, 0.0, 0.0)
+    half = np.radians(0.4)
+    _lamp("SUN", angle=2 * half, energy=np.pi)
+    maps = _maps(monkeypatch)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    ours = maps[0][0][..., 0].mean(axis=0)
+    # As the pixel filter sees it, which is a bell of 0.42 pixels.
+    fine = 10
+    expected = _tube_light(depth, half, np.linspace(-wide / 2, wide / 2, width * fine + 1))
+    bell = np.exp(-0.5 * (np.arange(-30, 31) / (0.417 * fine)) ** 2)
+    expected = np.convolve(expected, bell / bell.sum(), "same")
+    there = (np.arange(width * fine) + 0.5) / fine
+    at = np.arange(width) + 0.5
+    middle = slice(3, -3)
+    error = np.abs(ours - np.interp(at, there, expected))[middle]
+    assert error.mean() < 0.03 * np.abs(expected).mean()
+    for ours_at, expected_at in zip(_edges(at, ours), _edges(there, expected), strict=True):
+        assert abs(ours_at - expected_at) < 1.0
+
+
+def _edges(at, light):
+    """Where light falls to half of its maximum, left and right of the middle's brightest place."""
+    level = 0.5 * light.max()
+    above = np.flatnonzero(light > level)
+    found = []
+    for inner, outer in ((above[0], above[0] - 1), (above[-1], above[-1] + 1)):
+        part = (light[inner] - level) / (light[inner] - light[outer])
+        found.append(at[inner] + part * (at[outer] - at[inner]))
+    return found
+
+
 def _maps(monkeypatch):
     """What every frame adds to the light of white surfaces, over π; the last frame's last."""
     found = []
