@@ -317,7 +317,41 @@ def _maps(monkeypatch):
     return found
 
 
+def test_a_sun_along_a_rods_axis_shines_through_its_ends(tmp_path, monkeypatch):
+    scene = _floor(wide=0.05, min_weight=1e-3)
+    scenes.glass(shape="ROD", radius=0.04, height=0.1, ior=IOR).location.z = 0.01
+    _lamp("SUN", angle=1e-3, energy=np.pi)
+    maps = _maps(monkeypatch)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    np.testing.assert_allclose(maps[0][0] + 1.0, _slab_transmittance(1.0), atol=0.01)
+
+
 # --------------------------------------------------------------------------------------------- laws
+
+
+@pytest.mark.parametrize("factor", [0.01, 100.0])
+def test_light_through_a_scaled_glass_is_the_same_light(tmp_path, monkeypatch, factor):
+    """A sun knows no size: a scene that is scaled as a whole looks alike."""
+    scene = _floor(48, 48, wide=0.2)
+    glass = scenes.glass(shape="CYLINDER", radius=0.03, height=0.08, contents_ior=WATER)
+    glass.location = (-0.03, 0.0, 0.01)
+    _lamp("SUN", tilt=-0.6, angle=0.02, energy=np.pi)
+    maps = _maps(monkeypatch)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    camera = scene.camera
+    for obj in scene.objects:
+        obj.location *= factor
+        if obj.type == "MESH":
+            obj.scale *= factor
+    camera.data.ortho_scale *= factor
+    camera.data.clip_start *= factor
+    camera.data.clip_end *= factor
+    scenes.picture(scene, tmp_path)
+    plain, scaled = (found[0] for found in maps)
+    assert plain.max() > 0.5 and plain.min() < -0.5
+    assert np.sqrt(((scaled - plain) ** 2).mean()) < 1e-3
 
 
 def test_in_a_closed_box_all_light_that_is_taken_is_put(monkeypatch, tmp_path):
@@ -419,7 +453,7 @@ def test_a_glass_that_goes_takes_its_light_along(tmp_path):
     assert found[0] < 0.95 < found[1]
 
 
-@pytest.mark.parametrize("moves", ["thing", "lamp", "glass"])
+@pytest.mark.parametrize("moves", ["thing", "lamp", "lamp's parent", "glass"])
 def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, moves):
     scene = _floor(32, 24)
     scene.refractive_glass.light_rays = 5000
@@ -429,7 +463,10 @@ def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, moves):
     bpy.ops.mesh.primitive_cube_add(size=0.03, location=(-0.1, 0.0, 0.05))
     thing = bpy.context.object
     thing.data.materials.append(_diffuse(0.5))
-    moved = {"thing": thing, "lamp": lamp, "glass": glass}[moves]
+    moved = {"thing": thing, "lamp": lamp, "lamp's parent": lamp, "glass": glass}[moves]
+    if "parent" in moves:
+        moved = lamp.parent = bpy.data.objects.new("Parent", None)
+        bpy.context.scene.collection.objects.link(moved)
     steps = np.array([(0.0, 0.0, 0.0), (0.0, 0.02, 0.0), (0.02, 0.0, 0.01)])
     scenes.key(moved, "location", np.array(moved.location) + steps)
     together = []
@@ -478,10 +515,11 @@ def test_a_straight_shadow_beside_the_light_is_told(tmp_path):
     assert any("Casts Shadow" in problem for problem in door.status(scene).problems)
 
 
-def test_a_lamp_that_casts_no_shadow_shines_through(tmp_path):
+@pytest.mark.parametrize("values", [{"energy": np.pi, "use_shadow": False}, {"energy": 0.0}])
+def test_a_lamp_that_casts_no_shadow_shines_through(tmp_path, values):
     scene = _floor()
     _pane()
-    _lamp("SUN", energy=np.pi, use_shadow=False)
+    _lamp("SUN", **values)
     plain, lit = _both(scene, tmp_path)
     np.testing.assert_array_equal(plain, lit)
     assert door.status(scene).problems == []
