@@ -385,6 +385,7 @@ def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
             part = some[start : start + block]
             centre = (nearest[part, 1] + border) * wide + nearest[part, 0] + border
             index = centre[:, None] + offsets
+            counters["bell_pixels"] += index.size
             apart = [padded[k][index] - bells.place[part, k : k + 1] for k in range(3)]
             plane = bells.plane[part]
             square = np.zeros(index.shape, np.float32)

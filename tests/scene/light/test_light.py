@@ -11,8 +11,11 @@ import scenes
 from glass_refraction.optics import fresnel
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.light.density import Seen, density
+from glass_refraction.scene.light.landed import Landed
 from glass_refraction.scene.memory import counters
 from glass_refraction.scene.rays import frame as frames
+from glass_refraction.scene.rays.views import RadianceView
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.modifier_inputs import write_input
 
@@ -396,6 +399,59 @@ def test_bells_bring_all_their_light_to_the_pixels(monkeypatch, tmp_path):
     expected = _ball_light(0.1, 0.005, np.array((0.0, 0.6)))[0] * np.pi * 0.36
     added = maps[-1][0][..., 0].sum() * (1.2 / 96) ** 2 + np.pi * RADIUS**2
     assert added == pytest.approx(expected, rel=0.005)
+
+
+def _on_a_floor(landed, width=64):
+    """Irradiance of landed light on a floor of 1 m, seen squarely; bells and pixels summed."""
+    eye, to_camera = np.array((0.0, 0.0, 1.0)), np.eye(4)
+    to_camera[2, 3] = -1.0
+    frame = (0, 0, width, width)
+    view = RadianceView(
+        eye, to_camera, np.diag((2.0, 2.0, 0.0, 1.0)), frame[2:], frame, frame, 0.1, True
+    )
+    row, column = np.mgrid[:width, :width]
+    points = np.stack(((column + 0.5) / width - 0.5, (row + 0.5) / width - 0.5, 0.0 * row), -1)
+    normals = np.broadcast_to(np.float32((0.0, 0.0, 1.0)), points.shape)
+    counters["bells"] = counters["bell_pixels"] = 0
+    seen = Seen(view, None, np.zeros(3), points.astype(np.float32), normals)
+    return density(landed, seen, 0.4), counters["bells"], counters["bell_pixels"]
+
+
+def _landed(count, major, minor, place=(0.1, 0.0, 0.0)):
+    ones = np.ones((count, 3))
+    axes = [length * ones * axis for length, axis in zip((major, minor), np.eye(3), strict=False)]
+    return Landed(ones * place, ones * (0.0, 0.0, 1.0), ones / count, *axes, np.ones(count))
+
+
+def test_bells_that_lie_together_cost_as_one():
+    one, bells, pixels = _on_a_floor(_landed(1, 0.02, 0.015))
+    many, *cost = _on_a_floor(_landed(20_000, 0.02, 0.015))
+    assert one.sum() / 64**2 == pytest.approx(3.0, rel=0.01)
+    np.testing.assert_allclose(many, one, rtol=1e-4, atol=1e-6)
+    assert cost == [bells, pixels] and bells == 1
+
+
+def test_bells_side_by_side_keep_their_light_and_its_spread():
+    """Those of a cell are taken as one with their moments."""
+    rng = np.random.default_rng(1)
+    places = np.concatenate((0.1 * rng.standard_normal((5000, 2)), np.zeros((5000, 1))), axis=1)
+    light, bells, _ = _on_a_floor(_landed(5000, 0.01, 0.0, places))
+    column = (np.arange(64) + 0.5) / 64 - 0.5
+    grey = light[..., 0] / light[..., 0].sum()
+    assert light.sum() / 64**2 == pytest.approx(3.0, rel=0.01)
+    np.testing.assert_allclose((grey * column).sum(), places[:, 0].mean(), atol=2e-4)
+    spread = np.sqrt((grey * column**2).sum())
+    expected = np.sqrt((places[:, 0] ** 2).mean() + 0.01**2 + (0.4 / 64) ** 2)
+    assert spread == pytest.approx(expected, rel=0.01)
+    assert bells < 5000
+
+
+@pytest.mark.parametrize("long", [0.3, 10.0, 1e4])
+def test_a_long_bell_costs_no_more_than_its_row(long):
+    light, bells, pixels = _on_a_floor(_landed(1, long, 1e-3))
+    assert np.isfinite(light).all() and light.max() > 0.0
+    assert bells <= 32
+    assert pixels < 32 * 13**2
 
 
 # ------------------------------------------------------------------------------ switched on and off
