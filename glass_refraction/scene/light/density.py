@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..memory import counters
 from ..progress import check
-from ..rays.columns import Columns
+from ..rays.columns import Columns, joined
 from ..rays.curtain import BLOCK_PX
 from ..rays.views import RadianceView
-from .landed import Landed, ellipse
+from .landed import BLOCK, LEAST_LENGTH, Landed, ellipse
 
 REACH = 2.6
 """Standard deviations to which a bell is summed: 97 % of it, the rest is made up for."""
@@ -22,12 +23,23 @@ FINEST_PX = 0.45
 LONG = 2.5
 """Bells longer than this, over their width, are taken as rows of shorter ones."""
 STEP = 1.5
-"""Widths between the bells of such a row."""
+"""Their lengths from one to the next."""
 FAINT = 0.02
 """Of a lamp's irradiance: light no stronger is spread as round as needs no rows."""
 LEAST = 1e-9
 """Relative: what differs less is equal."""
+IN_ROW = 1.5
+"""Lengths of these, over their widths."""
 MOST_IN_ROW = 32
+SIZES = 2
+"""Steps of an octave: bells whose widths are in one, and whose lengths, may be taken as one."""
+TURNS = 6
+"""Of half a turn: long bells whose directions are in one of these parts may be taken as one."""
+NORMAL_STEPS = 8.0
+"""Of a unit: so near to each other surfaces lie in one plane."""
+CELL, ROW_CELL = 0.5, 1.6
+"""Standard deviations: sides of the cells in which bells are taken as one, and those of rows, at
+most. Larger cells are a pattern where light is even; of rows there are many in each cell."""
 PAIRS = 400_000
 """Of a bell and a pixel, that are looked at together."""
 DEEP = 0.5
@@ -80,6 +92,42 @@ def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
+class _Spots(Columns):
+    """Bells as a view shows them.
+
+    `source`: (K,) number of the surface that each lies in. `code`: (K,) int64, alike for those of
+    nearly one plane, shape and sign. `x`, `y`: (K,) its middle, pixels from the picture's lower
+    left. `xx`, `xy`, `yy`: (K,) moments about it, square pixels. `light`: (K, 3) its light times
+    the pixels of a square metre. `cell`: (K,) side of the cells in which they may be one, pixels.
+    """
+
+    source: np.ndarray
+    code: np.ndarray
+    cell: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    xx: np.ndarray
+    xy: np.ndarray
+    yy: np.ndarray
+    light: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Surfaces(Columns):
+    """Where landed light lies, about which a view is linear.
+
+    `x`, `y`: (K,) pixels. `place`: (K, 3) from the middle. `normal`: (K, 3). `slope`: (K, 2, 3)
+    pixels per metre along a vector.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    place: np.ndarray
+    normal: np.ndarray
+    slope: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class _Bells(Columns):
     """Bells of a view, each with its pixels.
 
@@ -98,110 +146,220 @@ class _Bells(Columns):
 
 
 def _seen_bells(landed: Landed, seen: Seen, sigma_px: float) -> _Bells:
+    parts = []
+    for first in range(0, max(1, len(landed)), BLOCK):
+        check()
+        some = landed.take(np.arange(first, min(first + BLOCK, len(landed))))
+        some, surfaces = _before(some, seen)
+        spots = _spots(some, surfaces, seen, sigma_px)
+        spots = spots.take(_inside(spots, seen))
+        rows = _in_rows(spots, some.strength[spots.source])
+        merged = _in_cells(rows.take(_inside(rows, seen)))
+        parts.append((merged, surfaces.take(merged.source)))
+    spots, surfaces = (joined(type(of_kind[0]), of_kind) for of_kind in zip(*parts, strict=True))
+    spots = _in_cells(replace(spots, source=np.arange(len(spots))))
+    counters["bells"] += len(spots)
+    return _on_surfaces(spots, surfaces.take(spots.source))
+
+
+def _before(landed: Landed, seen: Seen) -> tuple[Landed, _Surfaces]:
+    """The light that turns to a view and lies before it, and its surfaces."""
     view = seen.view
-    x0, y0, x1, y1 = view.picture
-    # Of what turns to the view and lies before it.
-    away = view.forward if view.is_parallel else landed.point - view.eye
-    length = np.sqrt((away * away).sum(axis=-1))
-    facing = -(away * landed.normal).sum(axis=-1)
     local = view.local(landed.point)
-    some = np.flatnonzero((facing > GRAZING * length) & (-local[:, 2] > view.near))
+    x, y, z = local.T
+    towards = landed.normal @ view.to_camera[:3, :3].T
+    if view.is_parallel:
+        facing, length = towards[:, 2], 1.0
+    else:
+        facing = -np.einsum("nk,nk->n", local, towards)
+        length = np.sqrt(x * x + y * y + z * z)
+    some = np.flatnonzero((facing > GRAZING * length) & (-z > view.near))
     landed, local = landed.take(some), local[some]
-    check()
-    # Pixels per metre along two directions in the surface.
-    ahead = -local[:, 2]
-    pixel = view.project(local, view.near)[0] - (x0, y0)
-    per = 0.5 * np.array(view.size) * (view.projection[0, 0], view.projection[1, 1])
-    basis = _basis(landed)
-    turn = view.to_camera[:3, :3]
-    matrix = np.empty((len(landed.point), 2, 2))
-    for column, vector in enumerate(basis):
-        moved = vector @ turn.T
-        for row in (0, 1):
-            slope = moved[:, row]
+    x, y, z = local.T
+    # A vector's slopes against the view, by which a pixel's two coordinates grow.
+    slope = np.empty((len(some), 2, 3))
+    for axis, along in enumerate((x, y)):
+        per = 0.5 * view.size[axis] * view.projection[axis, axis]
+        for k in range(3):
+            slope[:, axis, k] = per * view.to_camera[axis, k]
             if not view.is_parallel:
-                slope = (slope + local[:, row] / ahead * moved[:, 2]) / ahead
-            matrix[:, row, column] = per[row] * slope
-    major, minor = (np.sqrt((part * part).sum(axis=1)) for part in (landed.major, landed.minor))
-    x, y = matrix[:, 0] * np.stack((major, minor), 1), matrix[:, 1] * np.stack((major, minor), 1)
-    (long, short), angle = ellipse(
-        (x * x).sum(axis=1) + sigma_px**2,
-        (x * y).sum(axis=1),
-        (y * y).sum(axis=1) + sigma_px**2,
+                slope[:, axis, k] -= per * along / z * view.to_camera[2, k]
+                slope[:, axis, k] /= -z
+    right, up = (view.project(local, view.near)[0] - view.picture[:2]).T
+    return landed, _Surfaces(right, up, landed.point - seen.middle, landed.normal, slope)
+
+
+def _spots(landed: Landed, surfaces: _Surfaces, seen: Seen, sigma_px: float) -> _Spots:
+    """Landed light as a view with this pixel filter shows it."""
+    (ax, ay), (bx, by) = (
+        [np.einsum("nk,nk->n", surfaces.slope[:, axis], bell) for axis in (0, 1)]
+        for bell in (landed.major, landed.minor)
     )
-    inside = np.ones(len(pixel), bool)
-    for axis, last in enumerate((x1 - x0, y1 - y0)):
-        inside &= (pixel[:, axis] > -REACH * long) & (pixel[:, axis] < last + REACH * long)
-    some = np.flatnonzero(inside)
-    if seen.used is not None:
-        some = some[_reaches(seen.used, pixel[some] + (x0, y0), REACH * long[some])]
-    landed, pixel, matrix = landed.take(some), pixel[some], matrix[some]
-    basis = [part[some] for part in basis]
-    long, short, angle = long[some], short[some], angle[some]
-    # Long ones as rows, or where it does not matter as wider ones.
-    slender = LONG * np.maximum(1.0, landed.strength / FAINT)
-    short = np.maximum(short, long / slender)
-    count = np.where(long > LONG * short * (1.0 + LEAST), np.ceil(4.0 * long / (STEP * short)), 1.0)
-    count = np.minimum(count, MOST_IN_ROW).astype(np.intp)
+    square = sigma_px**2
+    area = np.abs(_area(surfaces))
+    # In powers of 2: what lies side by side is measured alike.
+    step = np.exp2(np.floor(-0.5 * np.log2(area)))
+    above = np.rint(np.einsum("nk,nk->n", surfaces.place, surfaces.normal) / step)
+    facing = np.rint(NORMAL_STEPS * surfaces.normal).T
+    return _Spots(
+        np.arange(len(area)),
+        _hash(*facing, above, step.view(np.int64)),
+        np.zeros(len(area)),
+        surfaces.x,
+        surfaces.y,
+        ax * ax + bx * bx + square,
+        ax * ay + bx * by,
+        ay * ay + by * by + square,
+        landed.flux * area[:, None],
+    )
+
+
+def _area(surfaces: _Surfaces) -> np.ndarray:
+    """(K,) pixels of a square metre."""
+    (ax, ay, az), (bx, by, bz) = surfaces.slope.transpose(1, 2, 0)
+    nx, ny, nz = surfaces.normal.T
+    return nx * (ay * bz - az * by) + ny * (az * bx - ax * bz) + nz * (ax * by - ay * bx)
+
+
+def _inside(spots: _Spots, seen: Seen) -> np.ndarray:
+    """Numbers of the spots that reach into the picture, and there what is looked up."""
+    height, width, _ = seen.points.shape
+    wide, high = REACH * np.sqrt(spots.xx), REACH * np.sqrt(spots.yy)
+    some = np.flatnonzero(
+        (spots.x > -wide) & (spots.x < width + wide) & (spots.y > -high) & (spots.y < height + high)
+    )
+    if seen.used is None:
+        return some
+    x0, y0, *_ = seen.view.picture
+    x, y, wide, high = spots.x[some] + x0, spots.y[some] + y0, wide[some], high[some]
+    return some[_reaches(seen.used, (x - wide, y - high), (x + wide, y + high))]
+
+
+def _in_rows(spots: _Spots, strength: np.ndarray) -> _Spots:
+    """Long spots as rows of shorter ones, or where it does not matter as wider ones.
+
+    Parameters
+    ----------
+    strength : (K,) of `Landed`.
+    """
+    (long, short), angle = ellipse(spots.xx, spots.xy, spots.yy)
+    short = np.maximum(short, long / (LONG * np.maximum(1.0, strength / FAINT)))
+    # What is longer than the longest row is wider.
+    short = np.maximum(short, 4.0 * long / (STEP * MOST_IN_ROW * IN_ROW))
+    many = long > LONG * short * (1.0 + LEAST)
+    own = np.where(many, IN_ROW * short, long)
+    count = np.where(many, np.ceil(4.0 * long / (STEP * own)), 1.0).astype(np.intp)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    square, other = own**2, short**2
+    rest = np.sqrt(np.maximum(long**2 - square, 0.0))
+    size, shape = np.floor(SIZES * np.log2(short)), np.floor(SIZES * np.log2(own / short))
+    turn = np.where(shape > 0.0, np.floor(angle * (TURNS / np.pi)), 0.0)
+    changed = replace(
+        spots,
+        cell=np.where(many, ROW_CELL, CELL) * np.exp2(size / SIZES),
+        code=_hash(spots.code, size, shape, turn, many, np.sign(spots.light.sum(axis=1))),
+        xx=square * cosine**2 + other * sine**2,
+        xy=(square - other) * cosine * sine,
+        yy=square * sine**2 + other * cosine**2,
+    )
     row = np.repeat(np.arange(len(count)), count)
     rank = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    many = count > 1
-    own = np.where(many, np.maximum(short, 4.0 * long / (STEP * MOST_IN_ROW)), long)
-    rest = np.sqrt(np.maximum(long**2 - own**2, 0.0))
     offset = (2.0 * (rank + 0.5) / count[row] - 1.0) * 2.0 * many[row]
     weight = np.exp(-0.5 * offset**2)
     weight /= np.bincount(row, weight, len(count))[row]
-    axis = np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    (xx, xy), (yx, yy) = matrix.transpose(1, 2, 0)
-    area = xx * yy - xy * yx
-    step_px = rest[:, None] * axis
-    along = (yy * step_px[:, 0] - xy * step_px[:, 1]) / area
-    aside = (xx * step_px[:, 1] - yx * step_px[:, 0]) / area
-    step = along[:, None] * basis[0] + aside[:, None] * basis[1]
-    place = (landed.point - seen.middle)[row] + offset[:, None] * step[row]
-    # A vector in the surface, in standard deviations along and across.
-    plane = np.empty((len(count), 3, 3))
-    cosine, sine = axis.T
-    for number, (x, y) in enumerate(((cosine / own, sine / own), (-sine / short, cosine / short))):
-        first, second = x * xx + y * yx, x * xy + y * yy
-        plane[:, number] = first[:, None] * basis[0] + second[:, None] * basis[1]
-    # How long the bell is in the surface, on its longer side.
-    steepness = np.sqrt((plane[:, :2] ** 2).sum(axis=(1, 2)))
-    plane[:, 2] = landed.normal * (steepness / DEEP)[:, None]
-    middle = np.abs(area) / (2.0 * np.pi * own * short * CUT)
-    level = np.floor(np.log2(np.maximum(np.minimum(own, short) / FINEST_PX, 1.0)))
-    reach = REACH * np.maximum(own, short) / 2.0**level
-    return _Bells(
-        (pixel[row] + offset[:, None] * step_px[row]).astype(np.float32),
-        place.astype(np.float32),
-        plane[row].astype(np.float32),
-        (landed.flux * middle[:, None])[row] * weight[:, None],
-        np.ceil(reach[row]).astype(np.intp),
-        level[row].astype(np.intp),
+    rows = changed.take(row)
+    return replace(
+        rows,
+        x=rows.x + offset * (rest * cosine)[row],
+        y=rows.y + offset * (rest * sine)[row],
+        light=rows.light * weight[:, None],
     )
 
 
-def _reaches(used: np.ndarray, pixel: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """(K,) which places (K, 2) of a frame are no farther from squares that are used than this."""
+def _in_cells(spots: _Spots) -> _Spots:
+    """Spots of one code that lie in one cell of the picture as one, with their moments."""
+    if not len(spots):
+        return spots
+    column, row = np.floor(spots.x / spots.cell), np.floor(spots.y / spots.cell)
+    code = _hash(spots.code, column, row)
+    order = np.argsort(code, kind="stable")
+    begins = np.concatenate(([True], np.diff(code[order]) != 0))
+    first = order[begins]
+    group = np.empty(len(order), np.intp)
+    group[order] = np.cumsum(begins) - 1
+    red, green, blue = spots.light.T
+    weight = np.abs(red) + np.abs(green) + np.abs(blue) + LEAST_LENGTH
+    weight /= np.bincount(group, weight)[group]
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.bincount(group, weight * values)
+
+    # From the cell's corner: nothing cancels.
+    column, row = column * spots.cell, row * spots.cell
+    right, up = spots.x - column, spots.y - row
+    x, y = mean(right), mean(up)
+    return _Spots(
+        spots.source[first],
+        spots.code[first],
+        spots.cell[first],
+        column[first] + x,
+        row[first] + y,
+        mean(right * right + spots.xx) - x * x,
+        mean(right * up + spots.xy) - x * y,
+        mean(up * up + spots.yy) - y * y,
+        np.stack([np.bincount(group, part) for part in (red, green, blue)], axis=1),
+    )
+
+
+def _on_surfaces(spots: _Spots, surfaces: _Surfaces) -> _Bells:
+    """Spots as bells, each in the plane of its surface."""
+    (long, short), angle = ellipse(spots.xx, spots.xy, spots.yy)
+    # A vector in the surface, in standard deviations along and across.
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turned = np.array(((cosine / long, sine / long), (-sine / short, cosine / short)))
+    plane = np.empty((len(spots), 3, 3))
+    plane[:, :2] = turned.transpose(2, 0, 1) @ surfaces.slope
+    # How long the bell is in the surface, on its longer side.
+    across = plane[:, :2] - (plane[:, :2] @ surfaces.normal[..., None]) * surfaces.normal[:, None]
+    steepness = np.sqrt((across**2).sum(axis=(1, 2)))
+    plane[:, 2] = surfaces.normal * (steepness / DEEP)[:, None]
+    # A pixel aside lies in the plane where the other's slope does not change.
+    first, second = surfaces.slope.transpose(1, 0, 2)
+    right = np.cross(second, surfaces.normal) * (spots.x - surfaces.x)[:, None]
+    up = np.cross(surfaces.normal, first) * (spots.y - surfaces.y)[:, None]
+    level = np.floor(np.log2(np.maximum(short / FINEST_PX, 1.0)))
+    return _Bells(
+        np.stack((spots.x, spots.y), axis=1).astype(np.float32),
+        (surfaces.place + (right + up) / _area(surfaces)[:, None]).astype(np.float32),
+        plane.astype(np.float32),
+        spots.light / (2.0 * np.pi * CUT * long * short)[:, None],
+        np.ceil(REACH * long / 2.0**level).astype(np.intp),
+        level.astype(np.intp),
+    )
+
+
+def _hash(*columns: np.ndarray) -> np.ndarray:
+    """(K,) int64 that tells rows of whole numbers apart."""
+    found = np.zeros(len(columns[0]), np.uint64)
+    for column in columns:
+        found ^= column.astype(np.int64).view(np.uint64)
+        found *= np.uint64(0x9E3779B97F4A7C15)
+        found ^= found >> np.uint64(29)
+    return found.view(np.int64)
+
+
+def _reaches(used: np.ndarray, low, high) -> np.ndarray:
+    """(K,) which boxes of a frame, x and y (K,) of their corners, touch squares that are used."""
     sums = np.zeros((used.shape[0] + 1, used.shape[1] + 1), np.intp)
     sums[1:, 1:] = used.cumsum(axis=0).cumsum(axis=1)
-    sides = [
-        np.clip(np.floor((pixel + sign * reach[:, None]) / BLOCK_PX) + last, 0, used.shape[::-1])
-        for sign, last in ((-1.0, 0), (1.0, 1))
-    ]
-    (x0, y0), (x1, y1) = (side.T.astype(np.intp) for side in sides)
+    (x0, y0), (x1, y1) = (
+        [
+            np.clip(np.floor(part / BLOCK_PX) + last, 0, count).astype(np.intp)
+            for part, count in zip(corner, used.shape[::-1], strict=True)
+        ]
+        for corner, last in ((low, 0), (high, 1))
+    )
     return sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0] > 0
-
-
-def _basis(landed: Landed) -> list[np.ndarray]:
-    """Two unit vectors (K, 3) in each surface, along its bell's axes where it has any."""
-    length = np.sqrt((landed.major**2).sum(axis=1))
-    bare = length <= 0.0
-    first = np.where(bare[:, None], 0.0, landed.major / np.where(bare, 1.0, length)[:, None])
-    some = np.flatnonzero(bare)
-    side = np.cross(landed.normal[some], np.eye(3)[np.abs(landed.normal[some]).argmin(axis=1)])
-    first[some] = side / np.linalg.norm(side, axis=1, keepdims=True)
-    return [first, np.cross(landed.normal, first)]
 
 
 def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
@@ -227,6 +385,7 @@ def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
             part = some[start : start + block]
             centre = (nearest[part, 1] + border) * wide + nearest[part, 0] + border
             index = centre[:, None] + offsets
+            counters["bell_pixels"] += index.size
             apart = [padded[k][index] - bells.place[part, k : k + 1] for k in range(3)]
             plane = bells.plane[part]
             square = np.zeros(index.shape, np.float32)

@@ -10,7 +10,7 @@ H. Igehy, Tracing Ray Differentials, 1999; L. Schjøth et al., Photon Differenti
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,10 +46,10 @@ STRAIGHT = 0
 """The path of a way that meets no glass."""
 LEAST_SINE = 1e-3
 """Of rays to a surface, below which they are taken not to meet it."""
-
-
 LEAST_LENGTH = 1e-300
 """Metres: keeps a quotient finite."""
+BLOCK = 16_384
+"""Ways that are looked at together: their arrays stay in a core's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,22 +182,24 @@ def follow_light(
     ]
     ways = rays.ways
     flux = np.concatenate(shares)[ways.ray]
-    check()
-    on = np.flatnonzero(~ways.is_sky & (flux > 0.0))
     number = number[ways.ray]
-    ground = _Ground(ways, on, scene, grids.shifts[number // faces], MOST_SPREAD * reach)
-    # A way that has none beside it spreads as though nothing turned its rays.
-    alone = np.where(ground.is_alone(sides[0]), ALONE, 1.0)[:, None]
-    plain = [ground.shadow(alone * np.array(cells)[number[on], axis]) for axis in (0, 1)]
-    moved = [ground.moved(sides[0], axis, plain[axis]) for axis in (0, 1)]
-    moved += [ground.moved(sides[1], axis, np.zeros_like(ground.point), moved) for axis in (0, 1)]
-    major, minor = _axes([CELL * softness * move for move in moved], ground.normal)
-    sides = np.linalg.norm(np.array(cells), axis=2)
-    spread = np.sqrt((major**2).sum(axis=1) * (minor**2).sum(axis=1)) / (CELL * softness) ** 2
-    strength = np.abs(ways.weight[on]) * sides.prod(axis=1)[number[on]]
-    strength /= np.maximum(spread, LEAST_LENGTH)
-    colour = flux[on, None] * ways.colour[on]
-    return Landed(ground.point, ground.normal, colour, major, minor, strength)
+    shift = grids.shifts[number // faces]
+    on = np.flatnonzero(~ways.is_sky & (flux > 0.0))
+    origin, direction = map(np.ascontiguousarray, (ways.origin.T, ways.direction.T))
+    parts = []
+    for some in np.array_split(on, -(-len(on) // BLOCK) or 1):
+        check()
+        ground = _Ground(ways, origin, direction, some, scene, shift, MOST_SPREAD * reach)
+        cell = np.array(cells).transpose(1, 2, 0)[..., number[some]]
+        bell = _axes(CELL * softness * ground.moves(sides, cell), ground.normal)
+        spread, area = (
+            np.sqrt(_dot(first, first) * _dot(second, second)) for first, second in (bell, cell)
+        )
+        strength = np.abs(ways.weight[some]) * area * (CELL * softness) ** 2
+        strength /= np.maximum(spread, LEAST_LENGTH)
+        colour = flux[some] * ways.colour[some].T
+        parts.append(Landed(*(a.T for a in (ground.point, ground.normal, colour, *bell)), strength))
+    return joined(Landed, parts)
 
 
 def _with_straight(rays: PictureRays, origins, directions, caster: Caster) -> PictureRays:
@@ -221,78 +223,86 @@ def _with_straight(rays: PictureRays, origins, directions, caster: Caster) -> Pi
 
 
 class _Ground:
-    """Where ways land, and where those beside them would land in the same plane.
+    """Where some ways land, and where those beside them would land in the same plane.
+
+    Components come first here: NumPy is slow on rows of three.
 
     Parameters
     ----------
-    on : (K,) numbers of the ways that land. shift : (W, 2) of each way's grid, pixels.
-    most : metres.
+    ways : all. origin, direction : (3, W) theirs. on : (K,) numbers of some ways that land.
+    shift : (W, 2) of each way's grid, pixels. most : metres.
     """
 
-    def __init__(self, ways: Ways, on: np.ndarray, scene: Scene, shift, most: float) -> None:
-        self._ways, self._on, self._shift, self._most = ways, on, shift, most
+    def __init__(self, ways: Ways, origin, direction, on, scene: Scene, shift, most: float) -> None:
+        self._origin, self._direction = origin, direction
+        self._on, self._shift, self._most = on, shift, most
         hits = scene.hits(ways.take(on))
-        self.point, self._direction = hits.point, hits.direction
-        self.normal = -hits.normal * hits.side[:, None]
+        self.point = np.ascontiguousarray(hits.point.T)
+        self.normal = np.ascontiguousarray(-hits.normal.T * hits.side)
 
-    def is_alone(self, sides: Neighbours) -> np.ndarray:
-        """(K,) which ways have none beside them in their grid."""
-        partners = (*sides.ahead, *sides.behind)
-        return np.all([partner[self._on] < 0 for partner in partners], axis=0)
+    def moves(self, sides: Sequence[Neighbours], cell: np.ndarray) -> np.ndarray:
+        """(4, 3, K) how far places move along the sides of their cells of four dimensions.
 
-    def shadow(self, vectors: np.ndarray) -> np.ndarray:
-        """Vectors (K, 3) as the ways cast them on their planes."""
-        along = np.einsum("nk,nk->n", self._direction, self.normal)
-        across = np.einsum("nk,nk->n", vectors, self.normal)
-        cast = vectors - self._direction * (across / np.minimum(along, -LEAST_SINE))[:, None]
-        return self._limited(cast)
+        Parameters
+        ----------
+        sides : the ways beside along a grid, and along the lamp. cell : (2, 3, K) sides of pixels.
+        """
+        by_pixel, by_place = sides
+        partners = (*by_pixel.ahead, *by_pixel.behind)
+        alone = np.all([partner[self._on] < 0 for partner in partners], axis=0)
+        # A way that has none beside it spreads as though nothing turned its rays.
+        plain = [self._shadow(np.where(alone, ALONE, 1.0) * vectors) for vectors in cell]
+        found = [self._moved(by_pixel, axis, plain[axis]) for axis in (0, 1)]
+        none = np.zeros_like(self.point)
+        return np.array([*found, *(self._moved(by_place, axis, none, found) for axis in (0, 1))])
 
-    def moved(self, sides: Neighbours, axis: int, other: np.ndarray, cells=None) -> np.ndarray:
-        """(K, 3) how far places move from a cell to the next; ``other`` where there is none.
+    def _shadow(self, vectors: np.ndarray) -> np.ndarray:
+        """Vectors (3, K) as the ways cast them on their planes."""
+        direction = self._direction[:, self._on]
+        along, across = _dot(direction, self.normal), _dot(vectors, self.normal)
+        return self._limited(vectors - direction * (across / np.minimum(along, -LEAST_SINE)))
+
+    def _moved(self, sides: Neighbours, axis: int, other: np.ndarray, cells=None) -> np.ndarray:
+        """(3, K) how far places move from a cell to the next; ``other`` where there is none.
 
         ``cells``: the same for both axes of a grid, where the cells beside are of other grids.
         """
         total, count = np.zeros_like(self.point), np.zeros(len(self._on))
         for sign, partners in ((1.0, sides.ahead[axis]), (-1.0, sides.behind[axis])):
             partner = partners[self._on]
-            rows = np.flatnonzero(partner >= 0)
-            partner = partner[rows]
-            origin, direction = self._ways.origin[partner], self._ways.direction[partner]
-            normal, point = self.normal[rows], self.point[rows]
-            along = np.einsum("nk,nk->n", direction, normal)
-            above = np.einsum("nk,nk->n", origin - point, normal)
-            meets = (along < -LEAST_SINE) & (above > 0.0)
-            rows, partner = rows[meets], partner[meets]
-            way = -above[meets] / along[meets]
-            apart = origin[meets] + way[:, None] * direction[meets] - point[meets]
+            there = partner >= 0
+            partner = np.where(there, partner, self._on)
+            origin, direction = self._origin[:, partner], self._direction[:, partner]
+            along, above = _dot(direction, self.normal), _dot(origin - self.point, self.normal)
+            meets = there & (along < -LEAST_SINE) & (above > 0.0)
+            way = above / np.where(meets, -along, 1.0)
+            apart = origin + way * direction - self.point
             if cells is not None:
-                shift = self._shift[partner] - self._shift[self._on[rows]]
+                shift = self._shift[partner] - self._shift[self._on]
                 for move, part in zip(cells, shift.T, strict=True):
-                    apart -= part[:, None] * move[rows]
-            total[rows] += sign * apart
-            count[rows] += 1.0
-        found = total / np.maximum(count, 1.0)[:, None]
-        return self._limited(np.where(count[:, None] > 0.0, found, other))
+                    apart -= part * move
+            total += np.where(meets, sign, 0.0) * apart
+            count += meets
+        return self._limited(np.where(count > 0.0, total / np.maximum(count, 1.0), other))
 
     def _limited(self, vectors: np.ndarray) -> np.ndarray:
-        length = np.sqrt(np.einsum("nk,nk->n", vectors, vectors))
-        return vectors * np.minimum(1.0, self._most / np.maximum(length, LEAST_LENGTH))[:, None]
+        length = np.sqrt(_dot(vectors, vectors))
+        return vectors * np.minimum(1.0, self._most / np.maximum(length, LEAST_LENGTH))
 
 
-def _axes(moves: list[np.ndarray], normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axes (K, 3) of the bells that cells of these half widths (K, 3) make together."""
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
-    first /= np.maximum(np.linalg.norm(first, axis=1), LEAST_LENGTH)[:, None]
-    second = np.cross(normal, first)
-    x, y = (
-        np.stack([np.einsum("nk,nk->n", move, axis) for move in moves]) for axis in (first, second)
-    )
+def _axes(moves: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axes (3, K) of the bells that cells with these sides (4, 3, K) make together."""
+    first = np.cross(normal.T, np.eye(3)[np.abs(normal).argmin(axis=0)]).T
+    first /= np.maximum(np.sqrt(_dot(first, first)), LEAST_LENGTH)
+    second = np.cross(normal.T, first.T).T
+    x, y = (np.stack([_dot(move, axis) for move in moves]) for axis in (first, second))
     (long, short), turn = ellipse((x * x).sum(axis=0), (x * y).sum(axis=0), (y * y).sum(axis=0))
-    cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    return (
-        long[:, None] * (cosine * first + sine * second),
-        short[:, None] * (cosine * second - sine * first),
-    )
+    cosine, sine = np.cos(turn), np.sin(turn)
+    return long * (cosine * first + sine * second), short * (cosine * second - sine * first)
+
+
+def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
 
 
 def ellipse(xx, xy, yy):

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..progress import check, tell
 from ..rays.caster import Caster, cast_past
-from ..rays.curtain import looked_up
+from ..rays.curtain import BLOCK_PX, looked_up
 from ..rays.follow import CONTACT, Follower, Kept
 from ..rays.hits import Scene, Views
 from ..rays.views import RadianceView
@@ -130,18 +130,23 @@ def _farthest(points: np.ndarray, middle: np.ndarray) -> float:
 
 
 def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps, middle: np.ndarray) -> Seen:
-    """What the middles of a picture's pixels show."""
+    """What the middles of a picture's pixels show, of those that are looked up."""
     check()
     shape = _shape(view)
     (height, width, _), (x0, y0, *_) = shape, view.picture
     y, x = np.divmod(np.arange(width * height), width)
-    origins, directions = view.rays(np.stack((x + x0 + 0.5, y + y0 + 0.5), axis=1))
+    points = np.full((len(x), 3), BESIDE, np.float32)
+    normals = np.zeros((len(x), 3), np.float32)
+    x, y = x + x0, y + y0
+    pixel = (
+        np.arange(len(x)) if used is None else np.flatnonzero(used[y // BLOCK_PX, x // BLOCK_PX])
+    )
+    origins, directions = view.rays(np.stack((x[pixel] + 0.5, y[pixel] + 0.5), axis=1))
     way, triangle = caster.cast(origins, directions)
     met = np.flatnonzero(triangle >= 0)
-    points = np.full((len(way), 3), BESIDE, np.float32)
-    points[met] = origins[met] + way[met, None] * directions[met] - middle
-    normals = np.zeros((len(way), 3), np.float32)
+    origins, directions, pixel = origins[met], directions[met], pixel[met]
+    points[pixel] = origins + way[met, None] * directions - middle
     normal = scene.normals[triangle[met]]
-    side = np.sign(np.einsum("nk,nk->n", normal, directions[met]))
-    normals[met] = -side[:, None] * normal
+    side = np.sign(np.einsum("nk,nk->n", normal, directions))
+    normals[pixel] = -side[:, None] * normal
     return Seen(view, used, middle, points.reshape(shape), normals.reshape(shape))

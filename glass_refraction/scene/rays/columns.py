@@ -25,8 +25,12 @@ class Columns:
 def joined(kind: type[Kind], parts: Iterable[Kind]) -> Kind:
     """All of several parts of a kind, at least one, one after another.
 
-    The columns grow by each part that comes: if nobody holds it, it is not held twice.
+    The columns grow by each part that comes: if nobody holds it, it is not held twice. Parts of a
+    list are held anyway.
     """
+    if isinstance(parts, list):
+        rows = zip(*(vars(part).values() for part in parts), strict=True)
+        return kind(*(np.concatenate(same) for same in rows))
     columns: list[np.ndarray] = []
     for part in parts:
         rows = vars(part).values()

@@ -11,8 +11,11 @@ import scenes
 from glass_refraction.optics import fresnel
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.light.density import Seen, density
+from glass_refraction.scene.light.landed import Landed
 from glass_refraction.scene.memory import counters
 from glass_refraction.scene.rays import frame as frames
+from glass_refraction.scene.rays.views import RadianceView
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.modifier_inputs import write_input
 
@@ -202,6 +205,108 @@ def test_a_ball_gathers_light_as_snell_says(tmp_path, monkeypatch, depth):
     assert np.abs(ours - expected)[clear & (edges[:-1] > 0.008)].max() < 0.1
 
 
+TUBE, WALL, WATER = 0.04, 0.003, 1.333
+
+
+def _tube_light(depth, half_angle, edges, count=1_000_000):
+    """What a lying tube of water changes, by strips of a floor ``depth`` below its axis.
+
+    By Snell in its cross-section; slopes along the tube are too small to count.
+    """
+    rng = np.random.default_rng(5)
+    radii, iors = (TUBE, TUBE - WALL), (1.0, IOR, WATER)
+    slope = np.tan(half_angle) * np.sqrt(rng.random(count)) * np.cos(2 * np.pi * rng.random(count))
+    along = np.stack((slope, -np.ones(count)), axis=1)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    aside = TUBE * (2 * (np.arange(count) + rng.random(count)) / count - 1)
+    place = aside[:, None] * np.stack((-along[:, 1], along[:, 0]), axis=1)
+    sums = np.zeros(len(edges) - 1)
+
+    def land(place, along, light):
+        down = along[:, 1] < -1e-9
+        way = -(place[down, 1] + depth) / along[down, 1]
+        there = place[down, 0] + way * along[down, 0]
+        sums[:] += np.histogram(there, edges, weights=light[down])[0]
+
+    light = np.full(count, 2 * TUBE / count)
+    land(place, along, -light)
+    place = place - 2 * TUBE * along
+    # The medium a ray is in: 0 outside, 1 in the wall, 2 in the water.
+    medium = np.zeros(count, int)
+    for _ in range(12):
+        middle = (place * along).sum(axis=1)
+        apart = middle**2 - (place**2).sum(axis=1)
+        way, circle = np.full(len(place), np.inf), np.zeros(len(place), int)
+        for number, radius in enumerate(radii):
+            inner = apart + radius**2
+            for sign in (-1, 1):
+                found = -middle + sign * np.sqrt(np.maximum(inner, 0.0))
+                nearer = (inner > 0.0) & (found > 1e-9) & (found < way)
+                way[nearer], circle[nearer] = found[nearer], number
+        left = np.isinf(way)
+        land(place[left], along[left], light[left])
+        place, along, light, medium, way, circle = (
+            part[~left] for part in (place, along, light, medium, way, circle)
+        )
+        place = place + way[:, None] * along
+        normal = place / np.linalg.norm(place, axis=1)[:, None]
+        normal *= -np.sign((normal * along).sum(axis=1))[:, None]
+        cosine = -(along * normal).sum(axis=1)
+        beyond = np.where(medium == circle, circle + 1, circle)
+        eta = np.take(iors, medium) / np.take(iors, beyond)
+        mirrored = fresnel(cosine, eta)
+        through = np.sqrt(np.maximum(1 - eta**2 * (1 - cosine**2), 0.0))
+        bent = eta[:, None] * along + (eta * cosine - through)[:, None] * normal
+        mirror = along + 2 * cosine[:, None] * normal
+        place, along = np.concatenate((place, place)), np.concatenate((bent, mirror))
+        light = np.concatenate((light * (1 - mirrored), light * mirrored))
+        medium = np.concatenate((beyond, medium))
+        strong = light > 1e-3 * 2 * TUBE / count
+        place, along, light, medium = (part[strong] for part in (place, along, light, medium))
+    return sums / np.diff(edges)
+
+
+@pytest.mark.parametrize("depth", [0.045, 0.06, 0.1])
+def test_a_tube_of_water_gathers_light_as_snell_says(tmp_path, monkeypatch, depth):
+    """Its caustic's edges too, before and behind where its light crosses."""
+    width, wide = 160, 0.12
+    scene = _floor(width, 24, wide=wide, min_weight=2e-3)
+    scene.refractive_glass.light_rays = 80_000
+    tube = scenes.glass(
+        shape="CYLINDER", radius=TUBE, wall_thickness=WALL, height=0.12, ior=IOR, contents_ior=WATER
+    )
+    tube.location, tube.rotation_euler = (0.0, 0.06, depth), (np.pi / 2, 0.0, 0.0)
+    half = np.radians(0.4)
+    _lamp("SUN", angle=2 * half, energy=np.pi)
+    maps = _maps(monkeypatch)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    ours = maps[0][0][..., 0].mean(axis=0)
+    # As the pixel filter sees it, which is a bell of 0.42 pixels.
+    fine = 10
+    expected = _tube_light(depth, half, np.linspace(-wide / 2, wide / 2, width * fine + 1))
+    bell = np.exp(-0.5 * (np.arange(-30, 31) / (0.417 * fine)) ** 2)
+    expected = np.convolve(expected, bell / bell.sum(), "same")
+    there = (np.arange(width * fine) + 0.5) / fine
+    at = np.arange(width) + 0.5
+    middle = slice(3, -3)
+    error = np.abs(ours - np.interp(at, there, expected))[middle]
+    assert error.mean() < 0.03 * np.abs(expected).mean()
+    for ours_at, expected_at in zip(_edges(at, ours), _edges(there, expected), strict=True):
+        assert abs(ours_at - expected_at) < 1.0
+
+
+def _edges(at, light):
+    """Where light falls to half of its maximum, left and right of the middle's brightest place."""
+    level = 0.5 * light.max()
+    above = np.flatnonzero(light > level)
+    found = []
+    for inner, outer in ((above[0], above[0] - 1), (above[-1], above[-1] + 1)):
+        part = (light[inner] - level) / (light[inner] - light[outer])
+        found.append(at[inner] + part * (at[outer] - at[inner]))
+    return found
+
+
 def _maps(monkeypatch):
     """What every frame adds to the light of white surfaces, over π; the last frame's last."""
     found = []
@@ -215,7 +320,41 @@ def _maps(monkeypatch):
     return found
 
 
+def test_a_sun_along_a_rods_axis_shines_through_its_ends(tmp_path, monkeypatch):
+    scene = _floor(wide=0.05, min_weight=1e-3)
+    scenes.glass(shape="ROD", radius=0.04, height=0.1, ior=IOR).location.z = 0.01
+    _lamp("SUN", angle=1e-3, energy=np.pi)
+    maps = _maps(monkeypatch)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    np.testing.assert_allclose(maps[0][0] + 1.0, _slab_transmittance(1.0), atol=0.01)
+
+
 # --------------------------------------------------------------------------------------------- laws
+
+
+@pytest.mark.parametrize("factor", [0.01, 100.0])
+def test_light_through_a_scaled_glass_is_the_same_light(tmp_path, monkeypatch, factor):
+    """A sun knows no size: a scene that is scaled as a whole looks alike."""
+    scene = _floor(48, 48, wide=0.2)
+    glass = scenes.glass(shape="CYLINDER", radius=0.03, height=0.08, contents_ior=WATER)
+    glass.location = (-0.03, 0.0, 0.01)
+    _lamp("SUN", tilt=-0.6, angle=0.02, energy=np.pi)
+    maps = _maps(monkeypatch)
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.picture(scene, tmp_path)
+    camera = scene.camera
+    for obj in scene.objects:
+        obj.location *= factor
+        if obj.type == "MESH":
+            obj.scale *= factor
+    camera.data.ortho_scale *= factor
+    camera.data.clip_start *= factor
+    camera.data.clip_end *= factor
+    scenes.picture(scene, tmp_path)
+    plain, scaled = (found[0] for found in maps)
+    assert plain.max() > 0.5 and plain.min() < -0.5
+    assert np.sqrt(((scaled - plain) ** 2).mean()) < 1e-3
 
 
 def test_in_a_closed_box_all_light_that_is_taken_is_put(monkeypatch, tmp_path):
@@ -260,6 +399,59 @@ def test_bells_bring_all_their_light_to_the_pixels(monkeypatch, tmp_path):
     expected = _ball_light(0.1, 0.005, np.array((0.0, 0.6)))[0] * np.pi * 0.36
     added = maps[-1][0][..., 0].sum() * (1.2 / 96) ** 2 + np.pi * RADIUS**2
     assert added == pytest.approx(expected, rel=0.005)
+
+
+def _on_a_floor(landed, width=64):
+    """Irradiance of landed light on a floor of 1 m, seen squarely; bells and pixels summed."""
+    eye, to_camera = np.array((0.0, 0.0, 1.0)), np.eye(4)
+    to_camera[2, 3] = -1.0
+    frame = (0, 0, width, width)
+    view = RadianceView(
+        eye, to_camera, np.diag((2.0, 2.0, 0.0, 1.0)), frame[2:], frame, frame, 0.1, True
+    )
+    row, column = np.mgrid[:width, :width]
+    points = np.stack(((column + 0.5) / width - 0.5, (row + 0.5) / width - 0.5, 0.0 * row), -1)
+    normals = np.broadcast_to(np.float32((0.0, 0.0, 1.0)), points.shape)
+    counters["bells"] = counters["bell_pixels"] = 0
+    seen = Seen(view, None, np.zeros(3), points.astype(np.float32), normals)
+    return density(landed, seen, 0.4), counters["bells"], counters["bell_pixels"]
+
+
+def _landed(count, major, minor, place=(0.1, 0.0, 0.0)):
+    ones = np.ones((count, 3))
+    axes = [length * ones * axis for length, axis in zip((major, minor), np.eye(3), strict=False)]
+    return Landed(ones * place, ones * (0.0, 0.0, 1.0), ones / count, *axes, np.ones(count))
+
+
+def test_bells_that_lie_together_cost_as_one():
+    one, bells, pixels = _on_a_floor(_landed(1, 0.02, 0.015))
+    many, *cost = _on_a_floor(_landed(20_000, 0.02, 0.015))
+    assert one.sum() / 64**2 == pytest.approx(3.0, rel=0.01)
+    np.testing.assert_allclose(many, one, rtol=1e-4, atol=1e-6)
+    assert cost == [bells, pixels] and bells == 1
+
+
+def test_bells_side_by_side_keep_their_light_and_its_spread():
+    """Those of a cell are taken as one with their moments."""
+    rng = np.random.default_rng(1)
+    places = np.concatenate((0.1 * rng.standard_normal((5000, 2)), np.zeros((5000, 1))), axis=1)
+    light, bells, _ = _on_a_floor(_landed(5000, 0.01, 0.0, places))
+    column = (np.arange(64) + 0.5) / 64 - 0.5
+    grey = light[..., 0] / light[..., 0].sum()
+    assert light.sum() / 64**2 == pytest.approx(3.0, rel=0.01)
+    np.testing.assert_allclose((grey * column).sum(), places[:, 0].mean(), atol=2e-4)
+    spread = np.sqrt((grey * column**2).sum())
+    expected = np.sqrt((places[:, 0] ** 2).mean() + 0.01**2 + (0.4 / 64) ** 2)
+    assert spread == pytest.approx(expected, rel=0.01)
+    assert bells < 5000
+
+
+@pytest.mark.parametrize("long", [0.3, 10.0, 1e4])
+def test_a_long_bell_costs_no_more_than_its_row(long):
+    light, bells, pixels = _on_a_floor(_landed(1, long, 1e-3))
+    assert np.isfinite(light).all() and light.max() > 0.0
+    assert bells <= 32
+    assert pixels < 32 * 13**2
 
 
 # ------------------------------------------------------------------------------ switched on and off
@@ -317,7 +509,7 @@ def test_a_glass_that_goes_takes_its_light_along(tmp_path):
     assert found[0] < 0.95 < found[1]
 
 
-@pytest.mark.parametrize("moves", ["thing", "lamp", "glass"])
+@pytest.mark.parametrize("moves", ["thing", "lamp", "lamp's parent", "glass"])
 def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, moves):
     scene = _floor(32, 24)
     scene.refractive_glass.light_rays = 5000
@@ -327,7 +519,10 @@ def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, moves):
     bpy.ops.mesh.primitive_cube_add(size=0.03, location=(-0.1, 0.0, 0.05))
     thing = bpy.context.object
     thing.data.materials.append(_diffuse(0.5))
-    moved = {"thing": thing, "lamp": lamp, "glass": glass}[moves]
+    moved = {"thing": thing, "lamp": lamp, "lamp's parent": lamp, "glass": glass}[moves]
+    if "parent" in moves:
+        moved = lamp.parent = bpy.data.objects.new("Parent", None)
+        bpy.context.scene.collection.objects.link(moved)
     steps = np.array([(0.0, 0.0, 0.0), (0.0, 0.02, 0.0), (0.02, 0.0, 0.01)])
     scenes.key(moved, "location", np.array(moved.location) + steps)
     together = []
@@ -376,10 +571,11 @@ def test_a_straight_shadow_beside_the_light_is_told(tmp_path):
     assert any("Casts Shadow" in problem for problem in door.status(scene).problems)
 
 
-def test_a_lamp_that_casts_no_shadow_shines_through(tmp_path):
+@pytest.mark.parametrize("values", [{"energy": np.pi, "use_shadow": False}, {"energy": 0.0}])
+def test_a_lamp_that_casts_no_shadow_shines_through(tmp_path, values):
     scene = _floor()
     _pane()
-    _lamp("SUN", energy=np.pi, use_shadow=False)
+    _lamp("SUN", **values)
     plain, lit = _both(scene, tmp_path)
     np.testing.assert_array_equal(plain, lit)
     assert door.status(scene).problems == []
