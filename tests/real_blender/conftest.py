@@ -27,7 +27,7 @@ PROGRAM = os.environ.get("REFRACTIVE_GLASS_REAL_BLENDER")
 ROOT = Path(__file__).parents[2]
 INSIDE = Path(__file__).with_name("inside")
 SHADERS = Path(tempfile.gettempdir()) / f"refractive_glass_shaders_{os.getuid()}"
-"""Where Mesa keeps what it compiled, for all homes and workers: EEVEE's shaders alone take it 20 CPU
+"""Where Mesa keeps what it compiled, for all homes and workers: EEVEE alone takes it 20 CPU
 seconds in each Blender that starts without."""
 
 # Blender itself says "Error" in warnings about libraries that a machine does not have.
