@@ -1628,14 +1628,17 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   if (!may_meet_any(o, d)) {
     return sky(d, slot);
   }
-  if (lost && last_shown.w >= 0.0) {
-    /* It most likely ends on what lies beside the edge behind which it went. */
-    return capture_colour(int(last_shown.w), last_shown.xyz);
-  }
   if (slot >= 0) {
     /* Where a thing stands before the first capture the second may show more. */
     int second = second_of(slot);
-    return capture_colour(second >= 0 && shows_thing(slot, d) ? second : slot, d);
+    if (second >= 0) {
+      return capture_colour(shows_thing(slot, d) ? second : slot, d);
+    }
+    if (lost && last_shown.w >= 0.0) {
+      /* It most likely ends on what lies beside the edge behind which it went. */
+      return capture_colour(int(last_shown.w), last_shown.xyz);
+    }
+    return capture_colour(slot, d);
   }
   if (clip.w <= 0.0) {
     clip = view.to_clip * vec4(o, 1.0);
