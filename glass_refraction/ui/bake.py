@@ -11,6 +11,7 @@ from ..scene.bake.files import Contents, frame_ranges, geometry_bytes
 from ..scene.bake.playback import baked
 from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
+from . import modal
 from .stepwise import Steps, Stepwise
 
 
@@ -120,7 +121,13 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
             )
 
 
-CLASSES = (SCENE_OT_refractive_glass_bake, SCENE_OT_refractive_glass_bake_free)
+def register() -> None:
+    """Register the operators."""
+    modal.register_class(SCENE_OT_refractive_glass_bake)
+    bpy.utils.register_class(SCENE_OT_refractive_glass_bake_free)
 
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+def unregister() -> None:
+    """Undo :func:`register`."""
+    bpy.utils.unregister_class(SCENE_OT_refractive_glass_bake_free)
+    modal.unregister_class(SCENE_OT_refractive_glass_bake)

@@ -13,6 +13,7 @@ from bpy.app.translations import pgettext_rpt as _rpt
 
 from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
+from . import modal
 from .stepwise import Steps, Stepwise
 
 PICTURE = "comparison.png"
@@ -156,4 +157,11 @@ def show_picture(path: Path) -> None:
         bpy.ops.image.view_all(fit_view=True)
 
 
-register, unregister = bpy.utils.register_classes_factory((SCENE_OT_refractive_glass_compare,))
+def register() -> None:
+    """Register the operator."""
+    modal.register_class(SCENE_OT_refractive_glass_compare)
+
+
+def unregister() -> None:
+    """Undo :func:`register`."""
+    modal.unregister_class(SCENE_OT_refractive_glass_compare)

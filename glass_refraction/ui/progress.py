@@ -17,6 +17,7 @@ from bpy.app.translations import pgettext_iface as _iface
 
 from ..scene import progress
 from ..scene import update as door
+from . import modal
 
 LOOK_SECONDS = 0.25
 """Between two looks at what the render's thread is at."""
@@ -35,18 +36,17 @@ class _Shown:
     Attributes
     ----------
     line : the text. doing : what it says goes on. since : when that began.
-    handle : of the drawing in Image Editors.
+    handle : of the drawing in Image Editors. is_over : nobody is to watch any more.
     """
 
     line: str | None = None
     doing: str | None = None
     since: float = 0.0
     handle = None
+    is_over: bool = False
 
 
 _shown = _Shown()
-_timers: list[bpy.types.Timer] = []
-"""Of the operators that watch for Esc, one for each window."""
 
 
 def line(doing: str | None, seconds: float) -> str | None:
@@ -87,7 +87,6 @@ class WM_OT_refractive_glass_watch(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, _event) -> set[str]:
         manager = context.window_manager
         self._timer = manager.event_timer_add(LOOK_SECONDS, window=context.window)
-        _timers.append(self._timer)
         manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -96,33 +95,22 @@ class WM_OT_refractive_glass_watch(bpy.types.Operator):
         others = event.shift or event.ctrl or event.alt or event.oskey
         if event.type == "ESC" and event.value == "PRESS" and not others:
             progress.ask_to_stop()
-        if bpy.app.is_job_running("RENDER"):
+        if bpy.app.is_job_running("RENDER") and not _shown.is_over:
             return {"PASS_THROUGH"}
-        _remove_timer(self._timer)
+        context.window_manager.event_timer_remove(self._timer)
         return {"FINISHED", "PASS_THROUGH"}
 
     def cancel(self, context: bpy.types.Context) -> None:
         # Blender closes the window. With the render's own it ends the render, and waits for it.
-        if _RENDER in _modal_operators(context.window):
+        if _RENDER in modal.names(context.window):
             progress.ask_to_stop()
-        _remove_timer(self._timer)
-
-
-def _remove_timer(timer: bpy.types.Timer) -> None:
-    _timers.remove(timer)
-    bpy.context.window_manager.event_timer_remove(timer)
-
-
-def _modal_operators(window: bpy.types.Window) -> set[str]:
-    """Names of the operators that go on in a window."""
-    # Blender lists None for one whose class has been unregistered, until the next event.
-    return {o.bl_idname for o in window.modal_operators if o is not None}
+        context.window_manager.event_timer_remove(self._timer)
 
 
 def _watch_windows() -> None:
     """Have Esc noticed in every window; a render may have opened one."""
     for window in bpy.context.window_manager.windows:
-        if _WATCH not in _modal_operators(window):
+        if _WATCH not in modal.names(window):
             with bpy.context.temp_override(window=window):
                 bpy.ops.wm.refractive_glass_watch("INVOKE_DEFAULT")
 
@@ -168,7 +156,8 @@ def _on_render_init(*_) -> None:
 
 def register() -> None:
     """Have renders tell what the extension is at, heed Esc, and their view tell what is wrong."""
-    bpy.utils.register_class(WM_OT_refractive_glass_watch)
+    _shown.is_over = False
+    modal.register_class(WM_OT_refractive_glass_watch)
     bpy.app.handlers.render_init.append(_on_render_init)
     if not bpy.app.background:
         kind = bpy.types.SpaceImageEditor
@@ -182,10 +171,8 @@ def unregister() -> None:
         bpy.app.timers.unregister(_look)
     if _shown.line is not None:
         _show(None)
-    # Blender frees operators with their class, without a word to them.
-    for timer in list(_timers):
-        _remove_timer(timer)
     if _shown.handle is not None:
         bpy.types.SpaceImageEditor.draw_handler_remove(_shown.handle, "WINDOW")
         _shown.handle = None
-    bpy.utils.unregister_class(WM_OT_refractive_glass_watch)
+    _shown.is_over = True
+    modal.unregister_class(WM_OT_refractive_glass_watch)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
-from functools import partial
 
 import bpy
 from bpy.app.translations import pgettext_rpt as _rpt
@@ -116,19 +115,6 @@ class Stepwise:
         if self._timer is None:
             return
         self._work.close()
-        self._let_go(context)
-
-    def stop(self, context: bpy.types.Context) -> None:
-        """As :meth:`cancel`, at any time: the work is closed once what it waits for has ended."""
-        if self._waits:
-            bpy.app.timers.register(
-                partial(_close, self._work, self.look_seconds), first_interval=self.look_seconds
-            )
-        else:
-            self._work.close()
-        self._let_go(context)
-
-    def _let_go(self, context: bpy.types.Context) -> None:
         _going.remove(self)
         manager = context.window_manager
         manager.event_timer_remove(self._timer)
@@ -136,6 +122,12 @@ class Stepwise:
         manager.progress_end()
         if context.workspace is not None:
             context.workspace.status_text_set(None)
+
+    def stop(self) -> None:
+        """As Esc does. What nothing waits for ends at once, while scenes still have settings."""
+        self._stopped = True
+        if not self._waits:
+            self._work.close()
 
     def _tell(self, context: bpy.types.Context, step: Step | None) -> None:
         self._waits = step is None
@@ -148,25 +140,11 @@ class Stepwise:
             context.workspace.status_text_set(self._said)
 
 
-def _close(work: Steps, look_seconds: float) -> float | None:
-    """Timer: close the work of an operator that is gone, where it may be closed."""
-    try:
-        if next(work) is None:
-            return look_seconds
-    except StopIteration:
-        return None
-    except TROUBLE:
-        # What it waited for has failed; nobody reads of it any more, and the work has tidied up.
-        return None
-    work.close()
-    return None
-
-
 def register() -> None:
     """There is nothing to register."""
 
 
 def unregister() -> None:
-    """Stop what goes on: Blender frees operators with their classes, without a word to them."""
+    """Stop what goes on."""
     for operator in list(_going):
-        operator.stop(bpy.context)
+        operator.stop()
