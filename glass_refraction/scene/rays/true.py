@@ -60,6 +60,7 @@ LEAST_CLIP = 1e-4
 """Metres: where a view of the world begins to see."""
 UNCOVERED = 0.5
 """Part of a pixel beside all glasses from which on it counts as not covered."""
+UNREADY = "The render began before the last setting was taken up: render again"
 TOLD_LIGHT = 0.01
 """Part of the light in the glasses that is told of if it is lit otherwise than the picture."""
 _STRUCTURE = "refractive_glass_structure"
@@ -88,21 +89,30 @@ def prepare(scene: bpy.types.Scene) -> None:
     for view in views:
         _fill_view(scene, view)
     _match_views(scene, views)
-    alpha = scene.render.film_transparent
     lit = has_light(scene)
-    structure = f"true {ROOM} {EARLY} {LEVELS} {alpha}{' light' if lit else ''}"
     _ask_for_colours(scene, cast, views, lit)
-    node = group_node(scene)
-    if node is None or node.node_tree is None or node.node_tree.get(_STRUCTURE) != structure:
+    if not _stands(scene):
         counters["structures"] += 1
-        tree = SumTree(scene, views, alpha=alpha, light=lit).tree
-        tree[_STRUCTURE] = structure
+        tree = SumTree(scene, views, alpha=scene.render.film_transparent, light=lit).tree
+        tree[_STRUCTURE] = _structure(scene)
         insert_group(scene, tree, views)
     write_kernels()
     # Whatever was linked above put all scenes off; Blender 5.2 crashes where a render finds it so.
     for changed in (scene, cast, *views):
         for layer in changed.view_layers:
             synchronise(layer)
+
+
+def _structure(scene: bpy.types.Scene) -> str:
+    """What the scene's settings ask of its compositor tree."""
+    light = " light" if has_light(scene) else ""
+    return f"true {ROOM} {EARLY} {LEVELS} {scene.render.film_transparent}{light}"
+
+
+def _stands(scene: bpy.types.Scene) -> bool:
+    """Whether the compositor tree is the one that the scene's settings ask for."""
+    tree = getattr(group_node(scene), "node_tree", None)
+    return tree is not None and tree.get(_STRUCTURE) == _structure(scene)
 
 
 def has_light(scene: bpy.types.Scene) -> bool:
@@ -212,6 +222,9 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         return memory.status
     memory.centre = moment
     problems = [*memory.standing, *_blurred(scene)]
+    if not _stands(scene):
+        # A render's thread can build nothing.
+        problems.append(UNREADY)
     views = find_own_scenes(scene, (CAPTURE, SKY))
     read = _read(scene, depsgraph, view, problems)
     result = compute(read, _casters(scene), ROOM, _kept(scene), _kept_light(scene))

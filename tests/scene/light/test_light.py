@@ -15,9 +15,11 @@ from glass_refraction.scene.light.density import Seen, density
 from glass_refraction.scene.light.landed import Landed
 from glass_refraction.scene.memory import counters
 from glass_refraction.scene.rays import frame as frames
+from glass_refraction.scene.rays import true
 from glass_refraction.scene.rays.views import RadianceView
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.viewpoint import read_viewpoint
 
 TINT = np.array([0.9, 0.5, 0.2])
 
@@ -550,6 +552,22 @@ def test_ways_are_followed_once_while_lamp_and_glass_stay(tmp_path):
 
 
 # ------------------------------------------------------------------------------------- what is told
+
+
+def test_a_setting_that_comes_too_late_for_a_render_is_told(tmp_path):
+    """F12 right after a change: its thread finds what stood before, and can build nothing."""
+    scene = _floor()
+    _pane()
+    _lamp("SUN")
+    scene.refractive_glass.shadow = "STRAIGHT"
+    door.prepare(scene, bpy.context.evaluated_depsgraph_get(), strict=True)
+    found = []
+    for shadow, ready in (("STRAIGHT", True), ("LIGHT", False)):
+        scene.refractive_glass.shadow = shadow
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        status = true.update(scene, depsgraph, read_viewpoint(scene, depsgraph))
+        found.append((true.UNREADY in status.problems) != ready)
+    assert all(found)
 
 
 def test_workbench_says_that_it_has_no_lamps(tmp_path):
