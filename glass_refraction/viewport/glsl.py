@@ -1468,10 +1468,6 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   return false;
 }
 
-/* Of a ray that no view shows to its end: where a capture shows what lies beside the edge behind
- * which the ray went, as the direction from the capture and its number; less than 0 for none. */
-vec4 last_shown = vec4(-1.0);
-
 /* Where a ray meets what a capture shows: marched by equal angles round the capture's centre.
  * `hidden`: it was behind something. */
 bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way,
@@ -1525,9 +1521,6 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
         return true;
       }
       behind = hidden = true;
-      if (last_shown.w < 0.0) {
-        last_shown = vec4(q + near * d, float(slot));
-      }
     }
     else if (gap <= 0.0) {
       behind = false;
@@ -1543,9 +1536,6 @@ int capture_of(int g)
   int slot = g < 0 ? 0 : int(row(9 + GLASS_ROWS * g).y);
   return slot >= 0 && capture_at(slot).w > 0.5 ? slot : -1;
 }
-
-/* Whether no view shows all of the last ray that `seen` followed without meeting anything. */
-bool lost = false;
 
 /* What a ray meets within its reach, if a view shows it. `boxes`: see `march_direct`. */
 bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out float way)
@@ -1584,7 +1574,6 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
       found = true;
     }
   }
-  lost = !found && hidden;
   return found;
 }
 
@@ -1631,14 +1620,7 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   if (slot >= 0) {
     /* Where a thing stands before the first capture the second may show more. */
     int second = second_of(slot);
-    if (second >= 0) {
-      return capture_colour(shows_thing(slot, d) ? second : slot, d);
-    }
-    if (lost && last_shown.w >= 0.0) {
-      /* It most likely ends on what lies beside the edge behind which it went. */
-      return capture_colour(int(last_shown.w), last_shown.xyz);
-    }
-    return capture_colour(slot, d);
+    return capture_colour(second >= 0 && shows_thing(slot, d) ? second : slot, d);
   }
   if (clip.w <= 0.0) {
     clip = view.to_clip * vec4(o, 1.0);
@@ -1673,8 +1655,6 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   vec4 colour;
   float way;
   int slot = capture_of(g);
-  lost = false;
-  last_shown = vec4(-1.0);
   if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
