@@ -1468,6 +1468,10 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   return false;
 }
 
+/* Of a ray that no view shows to its end: where a capture shows what lies beside the edge behind
+ * which the ray went, as the direction from the capture and its number; less than 0 for none. */
+vec4 last_shown = vec4(-1.0);
+
 /* Where a ray meets what a capture shows: marched by equal angles round the capture's centre.
  * `hidden`: it was behind something. */
 bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float way,
@@ -1521,6 +1525,9 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
         return true;
       }
       behind = hidden = true;
+      if (last_shown.w < 0.0) {
+        last_shown = vec4(q + near * d, float(slot));
+      }
     }
     else if (gap <= 0.0) {
       behind = false;
@@ -1620,7 +1627,15 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   if (slot >= 0) {
     /* Where a thing stands before the first capture the second may show more. */
     int second = second_of(slot);
-    return capture_colour(second >= 0 && shows_thing(slot, d) ? second : slot, d);
+    if (second >= 0) {
+      return capture_colour(shows_thing(slot, d) ? second : slot, d);
+    }
+    if (backdrop.w < 0.5 && last_shown.w >= 0.0) {
+      /* What lies beside the edge behind which it went is most like what it ends on. Solid shading
+       * has no textures: there the thing before it is more like its own back. */
+      return capture_colour(int(last_shown.w), last_shown.xyz);
+    }
+    return capture_colour(slot, d);
   }
   if (clip.w <= 0.0) {
     clip = view.to_clip * vec4(o, 1.0);
@@ -1655,6 +1670,7 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   vec4 colour;
   float way;
   int slot = capture_of(g);
+  last_shown = vec4(-1.0);
   if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
