@@ -1544,9 +1544,6 @@ int capture_of(int g)
   return slot >= 0 && capture_at(slot).w > 0.5 ? slot : -1;
 }
 
-/* Whether no view shows all of the last ray that `seen` followed without meeting anything. */
-bool lost = false;
-
 /* What a ray meets within its reach, if a view shows it. `boxes`: see `march_direct`. */
 bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out float way)
 {
@@ -1584,7 +1581,6 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
       found = true;
     }
   }
-  lost = !found && hidden;
   return found;
 }
 
@@ -1634,8 +1630,9 @@ vec4 beyond(vec3 o, vec3 d, int slot)
     if (second >= 0) {
       return capture_colour(shows_thing(slot, d) ? second : slot, d);
     }
-    if (lost && last_shown.w >= 0.0) {
-      /* It most likely ends on what lies beside the edge behind which it went. */
+    if (backdrop.w < 0.5 && last_shown.w >= 0.0) {
+      /* What lies beside the edge behind which it went is most like what it ends on. Solid shading
+       * has no textures: there the thing before it is more like its own back. */
       return capture_colour(int(last_shown.w), last_shown.xyz);
     }
     return capture_colour(slot, d);
@@ -1673,7 +1670,6 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   vec4 colour;
   float way;
   int slot = capture_of(g);
-  lost = false;
   last_shown = vec4(-1.0);
   if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
