@@ -201,6 +201,8 @@ def shown():
 
 def steps():
     """Each ``yield`` gives Blender that many seconds to draw and to run its timers."""
+    # Other scripts open Blender with the same preferences.
+    bpy.context.preferences.use_preferences_save = False
     bpy.context.preferences.view.render_display_type = "NONE"
     yield 1
     yield from rendered_while_computed()

@@ -170,8 +170,11 @@ def _dump_tree(tree, lines, path="", deepest=4):
             continue
         kept = []
         _dump(node, kept, f"{path}.{node.name}", depth=2)
-        lines += [line for line in kept if ".is_linked" not in line]
-        for socket in (*node.inputs, *node.outputs):
+        # Where the scene is gone Blender makes the outputs anew whenever it next looks.
+        gone = node.bl_idname == "CompositorNodeRLayers" and node.scene is None
+        left_out = (".is_linked", ".outputs[") if gone else (".is_linked",)
+        lines += [line for line in kept if not any(part in line for part in left_out)]
+        for socket in (*node.inputs, *([] if gone else node.outputs)):
             value = getattr(socket, "default_value", None)
             if isinstance(value, bpy.types.ID):
                 value = _named(value)

@@ -70,6 +70,17 @@ def screenshot(name, area):
     return pixels[region.y : region.y + region.height, region.x : region.x + region.width]
 
 
+def settled(name, area):
+    """`screenshot`, once two in a row are the same: the engine refines what it shows."""
+    found = None
+    for _ in range(10):
+        yield 0.7
+        found, before = screenshot(name, area), found
+        if before is not None and np.array_equal(found, before):
+            break
+    return found
+
+
 def camera_frame(area):
     """The camera's frame in the view, pixels: (x0, y0, x1, y1), floats."""
     region = next(r for r in area.regions if r.type == "WINDOW")
@@ -206,10 +217,9 @@ def clear():
     before = inputs.read_input(glass.modifiers[0], "IOR")
     inputs.write_input(glass.modifiers[0], "IOR", 1.0)
     yield from rest()
-    shown = screenshot("viewport_clear", area)
+    shown = yield from settled("viewport_clear", area)
     glass.hide_set(True)
-    yield 1.5
-    hidden = screenshot("viewport_no_glass", area)
+    hidden = yield from settled("viewport_no_glass", area)
     glass.hide_set(False)
     inputs.write_input(glass.modifiers[0], "IOR", before)
     result["clear"] = int((np.abs(shown - hidden).max(axis=2) > SEEN_STEP).sum())
