@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from .glasses import FlatGlass
 from .images import View
+from .outlines import in_polygon
 from .paths import Branch, ParallelView
-from .tracing import inside_outline
 
 Floats = NDArray[np.float64]
 
@@ -183,7 +183,7 @@ class FlatPassage:
         valid = (unknowns[0] < steepest) & (residual <= miss * length + SHORTEST)
         if self.glass.outline is not None:
             for at_x, at_y in self.crossings(x, way, unit_x, unit_y, points):
-                valid &= inside_outline(self.glass.outline, np.stack([at_x, at_y], axis=-1))
+                valid &= in_polygon(self.glass.outline, at_x, at_y)
         return np.ones(len(x), dtype=bool), valid
 
     def crossings(self, x, way, unit_x, unit_y, points):

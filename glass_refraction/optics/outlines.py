@@ -6,6 +6,7 @@ A grid knows both for whole cells, so that of many places few are held against a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -53,7 +54,7 @@ class Outline:
             np.minimum(distance, np.hypot(x - ax - along * dx, y - ay - along * dy), out=distance)
         # Cells are taken as a little larger: a place on a cell's edge may count to either.
         reach = 0.5 * (1.0 + 1e-9) * float(np.hypot(*step))
-        return np.maximum(distance - reach, 0.0), self._crossed(x, y)
+        return np.maximum(distance - reach, 0.0), in_polygon(self.corners, x, y)
 
     @property
     def sides(self) -> tuple[tuple[tuple[float, float], tuple[float, float]], ...]:
@@ -92,14 +93,15 @@ class Outline:
         first, second = self._beyond(x, y)
         inside = within[cell] & (np.maximum(first, second) <= 0.0)
         close = np.flatnonzero(clear[cell].ravel() <= 0.0)
-        inside.reshape(-1)[close] = self._crossed(x.ravel()[close], y.ravel()[close])
+        inside.reshape(-1)[close] = in_polygon(self.corners, x.ravel()[close], y.ravel()[close])
         return inside
 
-    def _crossed(self, x, y) -> Flags:
-        """`holds`, by how often a line towards +x crosses the sides."""
-        inside = np.zeros(np.shape(x), dtype=bool)
-        for (ax, ay), (bx, by) in self.sides:
-            if ay != by:
-                crosses = (ay <= y) != (by <= y)
-                inside ^= crosses & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
-        return inside
+
+def in_polygon(corners: Sequence[tuple[float, float]], x, y) -> Flags:
+    """Which places lie in a polygon, by how often a line towards +x crosses its sides."""
+    inside = np.zeros(np.shape(x), dtype=bool)
+    for (ax, ay), (bx, by) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        if ay != by:
+            crosses = (ay <= y) != (by <= y)
+            inside ^= crosses & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
+    return inside

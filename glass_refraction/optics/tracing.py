@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from .axial import AxialGlass, trace_axial
 from .glasses import CylinderGlass, FlatGlass, Glass
 from .laws import fresnel, reflect, refract
+from .outlines import in_polygon
 from .paths import LightPath, as_path
 
 Floats = NDArray[np.float64]
@@ -143,20 +144,10 @@ def _meet_flat(glass: FlatGlass, rays: Bundle) -> Meeting:
     point[:, 2] = np.where(met, height, point[:, 2])
     normal = np.zeros_like(point)
     normal[:, 2] = rays.heading
-    inside = met if glass.outline is None else met & inside_outline(glass.outline, point)
+    inside = met
+    if glass.outline is not None:
+        inside = met & in_polygon(glass.outline, point[:, 0], point[:, 1])
     return Meeting(interface, point, normal, inside, distance)
-
-
-def inside_outline(outline: tuple, points: Floats) -> Flags:
-    """Which points (..., 2 or 3) lie within the polygon, by the even-odd rule in x, y."""
-    x, y = points[..., 0], points[..., 1]
-    inside = np.zeros(x.shape, dtype=bool)
-    for (x0, y0), (x1, y1) in zip(outline, outline[1:] + outline[:1], strict=True):
-        if y0 == y1:
-            continue
-        spans = (y0 > y) != (y1 > y)
-        inside ^= spans & (x < x0 + (y - y0) * ((x1 - x0) / (y1 - y0)))
-    return inside
 
 
 def _meet_coaxial(glass: Glass, rays: Bundle) -> Meeting:
