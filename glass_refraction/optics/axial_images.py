@@ -38,6 +38,10 @@ INSIDE = 1e-4
 AROUND = 0.3
 """Parts of a cell around it in which the path's region counts as touching it."""
 
+WORK = 30_000
+"""Cells times events of a level that is still looked at closely. A path that runs round in the wall
+along ten mirrors has a region of threads: finer levels took a minute and found no more of it."""
+
 UNEVEN = 0.15
 """How far the middle ray of a cell may lie from its corners' mean, in sizes of the cell."""
 
@@ -92,7 +96,7 @@ class Lattice:
             cells, size = cells[some], size[some]
             share = cells[:, None] + size[:, None] * CORNERS
             unknowns, course = self._look(share)
-            if level == self.patch.deepest:
+            if level == self.patch.deepest or 4 * len(cells) * len(passage.stages) > WORK:
                 split = np.zeros(len(cells), dtype=bool)
             elif len(cells) < ENOUGH and level < self.patch.deepest - 1:
                 split = np.ones(len(cells), dtype=bool)

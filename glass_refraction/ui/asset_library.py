@@ -13,7 +13,7 @@ from bpy.app.translations import pgettext_rpt as _rpt
 
 from ..scene.memory import Step
 from ..scene.names import NODE_GROUPS, RefractiveGlassError
-from . import modal
+from . import staying
 from .everyday_assets import writing
 from .stepwise import Steps, Stepwise
 
@@ -154,7 +154,7 @@ _register, _unregister = bpy.utils.register_classes_factory(
 
 def register() -> None:
     """Register the operators and the preferences; the libraries only when asked for."""
-    modal.register_class(PREFERENCES_OT_refractive_glass_asset_library_add)
+    staying.register_class(PREFERENCES_OT_refractive_glass_asset_library_add)
     _register()
 
 
@@ -162,4 +162,4 @@ def unregister() -> None:
     """Undo :func:`register`; the libraries go with the extension."""
     remove_libraries()
     _unregister()
-    modal.unregister_class(PREFERENCES_OT_refractive_glass_asset_library_add)
+    staying.unregister_class(PREFERENCES_OT_refractive_glass_asset_library_add)

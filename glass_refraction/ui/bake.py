@@ -11,7 +11,7 @@ from ..scene.bake.files import Contents, frame_ranges, geometry_bytes
 from ..scene.bake.playback import baked
 from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
-from . import modal
+from . import staying
 from .stepwise import Steps, Stepwise
 
 
@@ -123,11 +123,11 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 def register() -> None:
     """Register the operators."""
-    modal.register_class(SCENE_OT_refractive_glass_bake)
+    staying.register_class(SCENE_OT_refractive_glass_bake)
     bpy.utils.register_class(SCENE_OT_refractive_glass_bake_free)
 
 
 def unregister() -> None:
     """Undo :func:`register`."""
     bpy.utils.unregister_class(SCENE_OT_refractive_glass_bake_free)
-    modal.unregister_class(SCENE_OT_refractive_glass_bake)
+    staying.unregister_class(SCENE_OT_refractive_glass_bake)

@@ -13,7 +13,7 @@ from bpy.app.translations import pgettext_rpt as _rpt
 
 from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
-from . import modal
+from . import staying
 from .stepwise import Steps, Stepwise
 
 PICTURE = "comparison.png"
@@ -159,9 +159,9 @@ def show_picture(path: Path) -> None:
 
 def register() -> None:
     """Register the operator."""
-    modal.register_class(SCENE_OT_refractive_glass_compare)
+    staying.register_class(SCENE_OT_refractive_glass_compare)
 
 
 def unregister() -> None:
     """Undo :func:`register`."""
-    modal.unregister_class(SCENE_OT_refractive_glass_compare)
+    staying.unregister_class(SCENE_OT_refractive_glass_compare)

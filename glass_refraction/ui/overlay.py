@@ -7,6 +7,7 @@ import bpy
 
 from ..scene.read.glasses import glass_objects
 from ..viewport import views
+from . import staying
 from .asset_library import preferences
 from .lines import draw_lines
 
@@ -53,7 +54,7 @@ def _draw_overlay(popover: bpy.types.Panel, context: bpy.types.Context) -> None:
     draw_switch(popover.layout, context)
 
 
-class VIEW3D_PT_refractive_glass_view(bpy.types.Panel):
+class VIEW3D_PT_refractive_glass_view(staying.StayingPanel, bpy.types.Panel):
     """In the 3D view's sidebar, above all else of the tab"""
 
     bl_idname = "VIEW3D_PT_refractive_glass_view"
@@ -76,7 +77,7 @@ def register() -> None:
         set=_set,
         options={"SKIP_SAVE"},
     )
-    bpy.utils.register_class(VIEW3D_PT_refractive_glass_view)
+    staying.register_class(VIEW3D_PT_refractive_glass_view)
     bpy.types.VIEW3D_PT_overlay.prepend(_draw_overlay)
     views.register()
 
@@ -85,5 +86,5 @@ def unregister() -> None:
     """Undo :func:`register`."""
     views.unregister()
     bpy.types.VIEW3D_PT_overlay.remove(_draw_overlay)
-    bpy.utils.unregister_class(VIEW3D_PT_refractive_glass_view)
+    staying.unregister_class(VIEW3D_PT_refractive_glass_view)
     del bpy.types.WindowManager.refractive_glass_overlay

@@ -16,7 +16,7 @@ from ..scene.read.glasses import glass_modifier
 from ..scene.read.mesh_glasses import glassy_materials, interface_node, open_edges
 from ..scene.read.modifier_inputs import has_input, read_input, value_place
 from ..scene.read.orientation import Orientation, orientation_of
-from . import bake
+from . import bake, staying
 from .compare import SCENE_OT_refractive_glass_compare
 from .lines import draw_lines
 from .menus import VIEW3D_MT_refractive_glass_add
@@ -123,7 +123,7 @@ class _Glass:
     bl_label = "Refractive Glass"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def suits(cls, context: bpy.types.Context) -> bool:
         obj = context.object
         return obj is not None and obj.type == "MESH" and glass_modifier(obj) is not None
 
@@ -274,7 +274,7 @@ class _Scene:
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def suits(cls, context: bpy.types.Context) -> bool:
         return not own(context.scene)
 
     def draw_header(self, context: bpy.types.Context) -> None:
@@ -381,12 +381,12 @@ class _Bake:
         bake.draw(self.layout, context)
 
 
-class _Properties:
+class _Properties(staying.StayingPanel):
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
 
 
-class _Sidebar:
+class _Sidebar(staying.StayingPanel):
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Glass"
@@ -414,11 +414,11 @@ class VIEW3D_PT_refractive_glass_object(_Glass, _Sidebar, bpy.types.Panel):
     bl_label = "Glass"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def suits(cls, context: bpy.types.Context) -> bool:
         return not own(context.scene)
 
     def draw(self, context: bpy.types.Context) -> None:
-        if _Glass.poll(context):
+        if _Glass.suits(context):
             _Glass.draw(self, context)
             return
         layout = self.layout
@@ -485,4 +485,14 @@ CLASSES = (
     VIEW3D_PT_refractive_glass_bake,
 )
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+
+def register() -> None:
+    """Register all panels."""
+    for kind in CLASSES:
+        staying.register_class(kind)
+
+
+def unregister() -> None:
+    """Undo :func:`register`: parts of panels before the panels."""
+    for kind in reversed(CLASSES):
+        staying.unregister_class(kind)

@@ -17,7 +17,7 @@ from bpy.app.translations import pgettext_iface as _iface
 
 from ..scene import progress
 from ..scene import update as door
-from . import modal
+from . import staying
 
 LOOK_SECONDS = 0.25
 """Between two looks at what the render's thread is at."""
@@ -102,7 +102,7 @@ class WM_OT_refractive_glass_watch(bpy.types.Operator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         # Blender closes the window. With the render's own it ends the render, and waits for it.
-        if _RENDER in modal.names(context.window):
+        if _RENDER in staying.names(context.window):
             progress.ask_to_stop()
         context.window_manager.event_timer_remove(self._timer)
 
@@ -110,7 +110,7 @@ class WM_OT_refractive_glass_watch(bpy.types.Operator):
 def _watch_windows() -> None:
     """Have Esc noticed in every window; a render may have opened one."""
     for window in bpy.context.window_manager.windows:
-        if _WATCH not in modal.names(window):
+        if _WATCH not in staying.names(window):
             with bpy.context.temp_override(window=window):
                 bpy.ops.wm.refractive_glass_watch("INVOKE_DEFAULT")
 
@@ -157,7 +157,7 @@ def _on_render_init(*_) -> None:
 def register() -> None:
     """Have renders tell what the extension is at, heed Esc, and their view tell what is wrong."""
     _shown.is_over = False
-    modal.register_class(WM_OT_refractive_glass_watch)
+    staying.register_class(WM_OT_refractive_glass_watch)
     bpy.app.handlers.render_init.append(_on_render_init)
     if not bpy.app.background:
         kind = bpy.types.SpaceImageEditor
@@ -175,4 +175,4 @@ def unregister() -> None:
         bpy.types.SpaceImageEditor.draw_handler_remove(_shown.handle, "WINDOW")
         _shown.handle = None
     _shown.is_over = True
-    modal.unregister_class(WM_OT_refractive_glass_watch)
+    staying.unregister_class(WM_OT_refractive_glass_watch)

@@ -6,7 +6,7 @@ What Blender prints is looked through as well: a traceback fails all of it.
 
 import pytest
 
-PARTS = ("computed", "drawn", "again", "compared", "baked", "shown")
+PARTS = ("computed", "drawn", "again", "animated", "compared", "baked", "shown")
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +35,15 @@ def test_enabled_again_while_a_render_goes_on(found):
     assert found["again"]["ended"] == ["complete"]
     assert found["again"]["problems"] == []
     assert found["again"]["covered"] > 0
+
+
+def test_panels_stay_until_no_engine_reads_the_scene(found):
+    """Blender 5.2 crashes on what it laid out of a panel whose class has gone."""
+    assert found["animated"]["running"]
+    assert found["animated"]["stays"]
+    assert not found["animated"]["shown"]
+    assert not found["animated"]["ends"]
+    assert found["animated"]["back"]
 
 
 def test_a_comparison_ends_when_its_render_has(found):

@@ -156,6 +156,33 @@ def rest_enabled():
     yield 1
 
 
+def animated():
+    """Blender lays panels out that it does not draw while an engine reads the scene."""
+    scene = fresh("CYCLES")
+    scene.frame_start, scene.frame_end = 1, 30
+    scene.render.filepath = str(FOLDER / "frame_")
+    yield from prepared(scene)
+    invoke(bpy.ops.render.render, animation=True)
+    yield from doing("rendering what else")
+    panel = bpy.types.OBJECT_PT_refractive_glass
+    disable()
+    result["animated"] = {
+        "running": running(),
+        "stays": panel.is_registered,
+        "shown": panel.poll(bpy.context),
+    }
+    # Again and again: what is enabled meanwhile takes the same panels back.
+    for _ in range(4):
+        yield 0.2
+        enable()
+        yield 0.2
+        disable()
+    yield from rest_enabled()
+    result["animated"]["ends"] = panel.is_registered
+    yield from rest("animated")
+    result["animated"]["back"] = panel.is_registered and panel.poll(bpy.context)
+
+
 def compared():
     """A comparison hides the glass, changes settings and has a scene of its own rendered."""
     yield from prepared(fresh("CYCLES"))
@@ -208,6 +235,7 @@ def steps():
     yield from rendered_while_computed()
     yield from rendered_while_drawn()
     yield from enabled_again()
+    yield from animated()
     yield from compared()
     yield from baked()
     yield from shown()
