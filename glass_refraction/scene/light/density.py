@@ -14,10 +14,14 @@ from ..rays.curtain import BLOCK_PX
 from ..rays.views import RadianceView
 from .landed import BLOCK, LEAST_LENGTH, Landed, ellipse
 
-REACH = 2.6
-"""Standard deviations to which a bell is summed: 97 % of it, the rest is made up for."""
-CUT = 1.0 - float(np.exp(-0.5 * REACH**2))
-"""The part of a bell within."""
+REACH = 2.4
+"""Widths to which a bell is summed."""
+LEFT = float(np.exp(-0.5 * REACH**2))
+"""What a Gauss bell is there over its middle: so much is taken off it, or its end were seen."""
+WITHIN = 1.0 - LEFT * (1.0 + 0.5 * REACH**2)
+"""The part of a Gauss bell that stays so."""
+WIDTH = (WITHIN / (WITHIN - LEFT * REACH**4 / 8.0)) ** 0.5
+"""Standard deviations in a bell's width: what stays is as wide as the whole Gauss bell was."""
 FINEST_PX = 0.45
 """Standard deviation, pixels, from twice which on a bell is looked at in each other pixel only."""
 LONG = 2.5
@@ -224,7 +228,7 @@ def _area(surfaces: _Surfaces) -> np.ndarray:
 def _inside(spots: _Spots, seen: Seen) -> np.ndarray:
     """Numbers of the spots that reach into the picture, and there what is looked up."""
     height, width, _ = seen.points.shape
-    wide, high = REACH * np.sqrt(spots.xx), REACH * np.sqrt(spots.yy)
+    wide, high = (REACH * WIDTH * np.sqrt(part) for part in (spots.xx, spots.yy))
     some = np.flatnonzero(
         (spots.x > -wide) & (spots.x < width + wide) & (spots.y > -high) & (spots.y < height + high)
     )
@@ -313,7 +317,8 @@ def _in_cells(spots: _Spots) -> _Spots:
 
 def _on_surfaces(spots: _Spots, surfaces: _Surfaces) -> _Bells:
     """Spots as bells, each in the plane of its surface."""
-    (long, short), angle = ellipse(spots.xx, spots.xy, spots.yy)
+    sides, angle = ellipse(spots.xx, spots.xy, spots.yy)
+    long, short = (WIDTH * side for side in sides)
     # A vector in the surface, in standard deviations along and across.
     cosine, sine = np.cos(angle), np.sin(angle)
     turned = np.array(((cosine / long, sine / long), (-sine / short, cosine / short)))
@@ -327,12 +332,12 @@ def _on_surfaces(spots: _Spots, surfaces: _Surfaces) -> _Bells:
     first, second = surfaces.slope.transpose(1, 0, 2)
     right = np.cross(second, surfaces.normal) * (spots.x - surfaces.x)[:, None]
     up = np.cross(surfaces.normal, first) * (spots.y - surfaces.y)[:, None]
-    level = np.floor(np.log2(np.maximum(short / FINEST_PX, 1.0)))
+    level = np.floor(np.log2(np.maximum(sides[1] / FINEST_PX, 1.0)))
     return _Bells(
         np.stack((spots.x, spots.y), axis=1).astype(np.float32),
         (surfaces.place + (right + up) / _area(surfaces)[:, None]).astype(np.float32),
         plane.astype(np.float32),
-        spots.light / (2.0 * np.pi * CUT * long * short)[:, None],
+        spots.light / (2.0 * np.pi * WITHIN * long * short)[:, None],
         np.ceil(REACH * long / 2.0**level).astype(np.intp),
         level.astype(np.intp),
     )
@@ -395,8 +400,7 @@ def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
                     square += along * along
                 else:
                     square[np.abs(along) > 1.0] = np.inf
-            bell = np.exp(-0.5 * square)
-            bell[square > REACH**2] = 0.0
+            bell = np.maximum(np.exp(-0.5 * square) - np.float32(LEFT), 0.0)
             for k in range(1 if grey else 3):
                 light = bell * bells.light[part, k : k + 1]
                 total[k] += np.bincount(index.ravel(), light.ravel(), total.shape[1])

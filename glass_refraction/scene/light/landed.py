@@ -38,7 +38,7 @@ ALONE = 3.0
 is narrower than a cell, and that the grid meets here and there."""
 STRAIGHT = 0
 """The path of a way that meets no glass."""
-BETWEEN = 0.8
+BETWEEN = 0.75
 """Of `CELL`: as wide is the bell of a grid's cell where several grids, shifted against each other,
 fill each other's gaps. Even light then ripples by 0.5 %, and outlines are sharper by as much."""
 LEAST_SINE = 1e-3
