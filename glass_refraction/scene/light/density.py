@@ -41,10 +41,10 @@ TURNS = 6
 """Of half a turn: long bells whose directions are in one of these parts may be taken as one."""
 NORMAL_STEPS = 8.0
 """Of a unit: so near to each other surfaces lie in one plane."""
-CELL, ROW_CELL = 0.5, 1.6
+CELL, ROW_CELL = 0.8, 2.0
 """Standard deviations: sides of the cells in which bells are taken as one, and those of rows, at
 most. Larger cells are a pattern where light is even; of rows there are many in each cell."""
-PAIRS = 400_000
+PAIRS = 60_000
 """Of a bell and a pixel, that are looked at together."""
 DEEP = 0.5
 """Of a bell's length: a pixel that shows what lies so far out of its plane has no part in it."""
@@ -137,8 +137,8 @@ class _Bells(Columns):
 
     `pixel`: (K, 2) from the picture's lower left. `place`: (K, 3) from the middle. `plane`:
     (K, 3, 3): takes a vector to its two distances in standard deviations and that from the plane,
-    in those that count. `light`: (K, 3) in its middle. `reach`: (K,) pixels. `level`: (K,) it is
-    summed in pixels of side 2 ** level.
+    in those that count. `light`: (K, 3) in its middle. `reach`: (K, 2) along x and y and
+    `level`: (K,): it is summed so far in pixels of side 2 ** level.
     """
 
     pixel: np.ndarray
@@ -338,7 +338,7 @@ def _on_surfaces(spots: _Spots, surfaces: _Surfaces) -> _Bells:
         (surfaces.place + (right + up) / _area(surfaces)[:, None]).astype(np.float32),
         plane.astype(np.float32),
         spots.light / (2.0 * np.pi * WITHIN * long * short)[:, None],
-        np.ceil(REACH * long / 2.0**level).astype(np.intp),
+        np.ceil(REACH * WIDTH * np.sqrt((spots.xx, spots.yy)) / 2.0**level).T.astype(np.intp),
         level.astype(np.intp),
     )
 
@@ -377,30 +377,31 @@ def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
     padded = padded.reshape(3, -1)
     total = np.zeros((3, padded.shape[1]))
     nearest = np.rint((bells.pixel - 0.5) / 2.0**level).astype(np.intp)
-    near = (nearest >= -bells.reach[:, None]).all(axis=1)
-    near &= (nearest < np.array((width, height)) + bells.reach[:, None]).all(axis=1)
+    near = (nearest >= -bells.reach) & (nearest < np.array((width, height)) + bells.reach)
+    near = near.all(axis=1)
     grey = np.ptp(bells.light, axis=1).max(initial=0.0) <= 0.0
-    for reach in np.unique(bells.reach):
-        some = np.flatnonzero(near & (bells.reach == reach))
-        steps = np.arange(-reach, reach + 1)
-        offsets = (steps[:, None] * wide + steps).ravel()
-        block = max(1, PAIRS // len(offsets))
-        for start in range(0, len(some), block):
+    some = np.flatnonzero(near)
+    code = bells.reach[some] @ (wide, 1)
+    order = np.argsort(code, kind="stable")
+    some, code = some[order], code[order]
+    groups = np.split(some, np.flatnonzero(np.diff(code)) + 1) if len(some) else []
+    for group in groups:
+        right, up = (np.arange(-part, part + 1) for part in bells.reach[group[0]])
+        offsets = (up[:, None] * wide + right).ravel()
+        for part in np.array_split(group, -(-len(group) * len(offsets) // PAIRS)):
             check()
-            part = some[start : start + block]
             centre = (nearest[part, 1] + border) * wide + nearest[part, 0] + border
             index = centre[:, None] + offsets
             counters["bell_pixels"] += index.size
-            apart = [padded[k][index] - bells.place[part, k : k + 1] for k in range(3)]
-            plane = bells.plane[part]
-            square = np.zeros(index.shape, np.float32)
-            for number in range(3):
-                along = sum(apart[k] * plane[:, number, k : k + 1] for k in range(3))
-                if number < 2:
-                    square += along * along
-                else:
-                    square[np.abs(along) > 1.0] = np.inf
-            bell = np.maximum(np.exp(-0.5 * square) - np.float32(LEFT), 0.0)
+            apart = [padded[k].take(index) for k in range(3)]
+            for k in range(3):
+                apart[k] -= bells.place[part, k : k + 1]
+            first, second, above = (
+                sum(apart[k] * bells.plane[part, number, k : k + 1] for k in range(3))
+                for number in range(3)
+            )
+            bell = np.exp(-0.5 * (first * first + second * second)) - np.float32(LEFT)
+            bell *= (bell > 0.0) & (np.abs(above) <= 1.0)
             for k in range(1 if grey else 3):
                 light = bell * bells.light[part, k : k + 1]
                 total[k] += np.bincount(index.ravel(), light.ravel(), total.shape[1])
@@ -413,18 +414,23 @@ def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
 def _finer(total, coarse, points, normals) -> np.ndarray:
     """Values of each other pixel for all pixels, of the nearest that lie in the pixel's plane."""
     height, width = points.shape[:2]
-    row, column = np.arange(height), np.arange(width)
-    rows = (row // 2, np.minimum((row + 1) // 2, len(total) - 1))
-    columns = (column // 2, np.minimum((column + 1) // 2, total.shape[1] - 1))
-    out, shares = np.zeros((height, width, 3)), np.zeros((height, width))
-    for r in rows:
-        for c in columns:
-            apart = coarse[r[:, None], c] - points
-            height_over = np.abs(np.einsum("ijk,ijk->ij", apart, normals))
-            length = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart))
-            share = (height_over <= ALIKE * length).astype(float)
-            out += share[..., None] * total[r[:, None], c]
-            shares += share
-    nearest = total[rows[0][:, None], columns[0]]
-    found = shares > 0.0
-    return np.where(found[..., None], out / np.where(found, shares, 1.0)[..., None], nearest)
+    found = np.zeros((height, width, 3))
+    for odd_row in (0, 1):
+        for odd_column in (0, 1):
+            some = np.s_[odd_row::2, odd_column::2]
+            place, normal = points[some], normals[some]
+            rows, columns = place.shape[:2]
+            out, shares = np.zeros(place.shape), np.zeros((rows, columns, 1))
+            for down in range(1 + odd_row):
+                for right in range(1 + odd_column):
+                    r = np.minimum(np.arange(rows) + down, len(total) - 1)[:, None]
+                    c = np.minimum(np.arange(columns) + right, total.shape[1] - 1)
+                    apart = coarse[r, c] - place
+                    above = np.abs(np.einsum("ijk,ijk->ij", apart, normal))
+                    length = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart))
+                    share = (above <= ALIKE * length)[..., None]
+                    out += share * total[r, c]
+                    shares += share
+            nearest = total[:rows, :columns]
+            found[some] = np.where(shares > 0.0, out / np.maximum(shares, 1.0), nearest)
+    return found

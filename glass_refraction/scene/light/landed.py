@@ -145,8 +145,8 @@ def grids(emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float) -> 
     centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     side = emitter.side(centre)
     places = emitter.places(emitter.lattice(side), centre)
-    # By parts of a pixel, along x by the place along the lamp's y: together the grids are as fine as
-    # one of so many pixels, also where the places themselves move what they light, along x by x.
+    # By parts of a pixel, along x by the place along the lamp's y: together the grids are as fine
+    # as one of so many pixels, also where the places move what they light: along x by x.
     steps = (2.0 * np.arange(side) + 1.0) / (2.0 * side) - 0.5
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     eyes = emitter.eyes(places, corners, centre, back)
