@@ -41,7 +41,7 @@ TURNS = 6
 """Of half a turn: long bells whose directions are in one of these parts may be taken as one."""
 NORMAL_STEPS = 8.0
 """Of a unit: so near to each other surfaces lie in one plane."""
-CELL, ROW_CELL = 0.8, 2.0
+CELL, ROW_CELL = 0.75, 2.0
 """Standard deviations: sides of the cells in which bells are taken as one, and those of rows, at
 most. Larger cells are a pattern where light is even; of rows there are many in each cell."""
 PAIRS = 60_000
@@ -99,10 +99,11 @@ def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
 class _Spots(Columns):
     """Bells as a view shows them.
 
-    `source`: (K,) number of the surface that each lies in. `code`: (K,) int64, alike for those of
-    nearly one plane, shape and sign. `x`, `y`: (K,) its middle, pixels from the picture's lower
-    left. `xx`, `xy`, `yy`: (K,) moments about it, square pixels. `light`: (K, 3) its light times
-    the pixels of a square metre. `cell`: (K,) side of the cells in which they may be one, pixels.
+    `source`: (K,) number of the landed light in whose surface each lies. `code`: (K,) int64, alike
+    for those of nearly one plane, shape and sign. `x`, `y`: (K,) its middle, pixels from the
+    picture's lower left. `xx`, `xy`, `yy`: (K,) moments about it, square pixels. `light`: (K, 3)
+    its light times the pixels of a square metre. `cell`: (K,) side of the cells in which they may
+    be one, pixels.
     """
 
     source: np.ndarray
@@ -117,7 +118,7 @@ class _Spots(Columns):
 
 
 @dataclass(frozen=True, eq=False)
-class _Surfaces(Columns):
+class _Surfaces:
     """Where landed light lies, about which a view is linear.
 
     `x`, `y`: (K,) pixels. `place`: (K, 3) from the middle. `normal`: (K, 3). `slope`: (K, 2, 3)
@@ -153,50 +154,52 @@ def _seen_bells(landed: Landed, seen: Seen, sigma_px: float) -> _Bells:
     parts = []
     for first in range(0, max(1, len(landed)), BLOCK):
         check()
-        some = landed.take(np.arange(first, min(first + BLOCK, len(landed))))
-        some, surfaces = _before(some, seen)
-        spots = _spots(some, surfaces, seen, sigma_px)
+        some = np.arange(first, min(first + BLOCK, len(landed)))
+        some = some[_before(landed.point[some], landed.normal[some], seen)]
+        spots = _spots(landed, some, seen, sigma_px)
         spots = spots.take(_inside(spots, seen))
-        rows = _in_rows(spots, some.strength[spots.source])
-        merged = _in_cells(rows.take(_inside(rows, seen)))
-        parts.append((merged, surfaces.take(merged.source)))
-    spots, surfaces = (joined(type(of_kind[0]), of_kind) for of_kind in zip(*parts, strict=True))
-    spots = _in_cells(replace(spots, source=np.arange(len(spots))))
+        rows = _in_rows(spots, landed.strength[spots.source])
+        parts.append(_in_cells(rows.take(_inside(rows, seen))))
+    spots = _in_cells(joined(_Spots, parts))
     counters["bells"] += len(spots)
-    return _on_surfaces(spots, surfaces.take(spots.source))
+    surfaces = _surfaces(landed.point[spots.source], landed.normal[spots.source], seen)
+    return _on_surfaces(spots, surfaces)
 
 
-def _before(landed: Landed, seen: Seen) -> tuple[Landed, _Surfaces]:
-    """The light that turns to a view and lies before it, and its surfaces."""
+def _before(points: np.ndarray, normals: np.ndarray, seen: Seen) -> np.ndarray:
+    """(K,) whether surfaces at points, with these normals (K, 3), turn to a view before them."""
     view = seen.view
-    local = view.local(landed.point)
-    x, y, z = local.T
-    towards = landed.normal @ view.to_camera[:3, :3].T
+    local = view.local(points)
     if view.is_parallel:
-        facing, length = towards[:, 2], 1.0
+        facing, length = normals @ view.to_camera[2, :3], 1.0
     else:
-        facing = -np.einsum("nk,nk->n", local, towards)
-        length = np.sqrt(x * x + y * y + z * z)
-    some = np.flatnonzero((facing > GRAZING * length) & (-z > view.near))
-    landed, local = landed.take(some), local[some]
-    x, y, z = local.T
-    # A vector's slopes against the view, by which a pixel's two coordinates grow.
-    slope = np.empty((len(some), 2, 3))
-    for axis, along in enumerate((x, y)):
+        facing = -np.einsum("nk,nk->n", local, normals @ view.to_camera[:3, :3].T)
+        length = np.sqrt(np.einsum("nk,nk->n", local, local))
+    return (facing > GRAZING * length) & (-local[:, 2] > view.near)
+
+
+def _surfaces(points: np.ndarray, normals: np.ndarray, seen: Seen) -> _Surfaces:
+    """The surfaces at points, with these normals (K, 3), as a view shows them."""
+    view = seen.view
+    local = view.local(points)
+    depth = -local[:, 2]
+    slope = np.empty((len(points), 2, 3))
+    for axis in (0, 1):
         per = 0.5 * view.size[axis] * view.projection[axis, axis]
         for k in range(3):
             slope[:, axis, k] = per * view.to_camera[axis, k]
             if not view.is_parallel:
-                slope[:, axis, k] -= per * along / z * view.to_camera[2, k]
-                slope[:, axis, k] /= -z
-    right, up = (view.project(local, view.near)[0] - view.picture[:2]).T
-    return landed, _Surfaces(right, up, landed.point - seen.middle, landed.normal, slope)
+                slope[:, axis, k] += per * local[:, axis] / depth * view.to_camera[2, k]
+                slope[:, axis, k] /= depth
+    x, y = (view.project(local, view.near)[0] - view.picture[:2]).T
+    return _Surfaces(x, y, points - seen.middle, normals, slope)
 
 
-def _spots(landed: Landed, surfaces: _Surfaces, seen: Seen, sigma_px: float) -> _Spots:
-    """Landed light as a view with this pixel filter shows it."""
+def _spots(landed: Landed, some: np.ndarray, seen: Seen, sigma_px: float) -> _Spots:
+    """Some of the landed light, by numbers (K,), as a view with this pixel filter shows it."""
+    surfaces = _surfaces(landed.point[some], landed.normal[some], seen)
     (ax, ay), (bx, by) = (
-        [np.einsum("nk,nk->n", surfaces.slope[:, axis], bell) for axis in (0, 1)]
+        [np.einsum("nk,nk->n", surfaces.slope[:, axis], bell[some]) for axis in (0, 1)]
         for bell in (landed.major, landed.minor)
     )
     square = sigma_px**2
@@ -206,7 +209,7 @@ def _spots(landed: Landed, surfaces: _Surfaces, seen: Seen, sigma_px: float) -> 
     above = np.rint(np.einsum("nk,nk->n", surfaces.place, surfaces.normal) / step)
     facing = np.rint(NORMAL_STEPS * surfaces.normal).T
     return _Spots(
-        np.arange(len(area)),
+        some,
         _hash(*facing, above, step.view(np.int64)),
         np.zeros(len(area)),
         surfaces.x,
@@ -214,7 +217,7 @@ def _spots(landed: Landed, surfaces: _Surfaces, seen: Seen, sigma_px: float) -> 
         ax * ax + bx * bx + square,
         ax * ay + bx * by,
         ay * ay + by * by + square,
-        landed.flux * area[:, None],
+        landed.flux[some] * area[:, None],
     )
 
 

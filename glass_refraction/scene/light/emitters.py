@@ -56,10 +56,6 @@ class Emitter:
     is_flat: bool = False
     spot: tuple[float, float] | None = None
 
-    def stamp(self) -> tuple:
-        """Where its light comes from; how much it is does not count."""
-        return self.place.tobytes(), self.axes.tobytes(), self.half, self.is_round
-
     def side(self, towards: np.ndarray) -> int:
         """Places along either side of its lattice, as seen from a place."""
         if not any(self.half):
@@ -106,17 +102,6 @@ class Emitter:
         cosine, border = self.spot
         share = np.clip((ahead - cosine) / border, 0.0, 1.0)
         return share * share * (3.0 - 2.0 * share)
-
-    def seen_from(self, points: np.ndarray, place: np.ndarray):
-        """Of one place of `places`: unit directions (N, 3) to it, metres (N,), and the irradiance
-        (N,) across them over its power."""
-        if self.is_sun:
-            count = len(points)
-            return np.broadcast_to(place, (count, 3)), np.full(count, np.inf), np.ones(count)
-        away = place - points
-        distance = np.sqrt(np.einsum("nk,nk->n", away, away))
-        directions = away / distance[:, None]
-        return directions, distance, self.sent(-directions) / distance**2
 
     def eyes(
         self, places: np.ndarray, corners: np.ndarray, centre: np.ndarray, back: float

@@ -73,8 +73,8 @@ class Landed(Columns):
 class Grids:
     """The grids of all places of a lamp side by side: one picture, a `Follower`'s view.
 
-    The lamp's lattice runs along x and y, the faces of a cube along y. An empty row and column
-    keep grids apart.
+    The lamp's x runs along the picture's y, and its y along x. The faces of a cube follow along y.
+    An empty row and column keep grids apart.
 
     Attributes
     ----------
@@ -149,35 +149,24 @@ def grids(emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float) -> 
     # as one of so many pixels, also where the places move what they light: along x by x.
     steps = (2.0 * np.arange(side) + 1.0) / (2.0 * side) - 0.5
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    eyes = emitter.eyes(places, corners, centre, back)
-    wide, high = np.ptp(eyes[0][0].frame, axis=0)
+    faces = list(zip(*emitter.eyes(places, corners, centre, back), strict=True))
+    wide, high = np.ptp(faces[0][0].frame, axis=0)
     # Of the faces of a cube some see no glass.
-    used = sum(any(eye.sees(box) for box in boxes) for eye in eyes[0])
+    used = sum(any(face[0].sees(box) for box in boxes) for face in faces)
     each = rays / (len(places) * max(used, 1))
     width = max(MARGIN_PX, int(np.sqrt(each * wide / high)))
     height = max(MARGIN_PX, int(each / width))
     # The margin that neighbours and shifts need lies round what the corners take.
-    size = width + 2 * MARGIN_PX, height + 2 * MARGIN_PX
-    if len(eyes[0]) > 1:
-        around = np.ones(2)
-    else:
-        around = 1.0 + 2.0 * MARGIN_PX / np.array((width, height))
-    # Place (a, b) of the lattice lies in column a, row b.
-    order = [b + side * a for b in range(side) for a in range(side)]
-    all_eyes = []
-    for face in range(len(eyes[0])):
-        for place in order:
-            eye = eyes[place][face]
-            middle = eye.frame.mean(axis=0)
-            frame = middle + (eye.frame - middle) * around
-            frame = frame + shifts[place] * np.ptp(frame, axis=0) / size
-            all_eyes.append(replace(eye, frame=frame, size=size))
-    found = Grids(size, side, all_eyes, shifts[order], np.zeros(0, np.intp))
-    rects = []
-    for number, eye in enumerate(all_eyes):
-        row, column = np.divmod(number, side)
-        begin = np.array((column * (size[0] + 1), row * (size[1] + 1)))
-        rects += [(np.reshape(pixel_rect(eye, box), (2, 2)) + begin).ravel() for box in boxes]
+    size = np.array((width, height)) + 2 * MARGIN_PX
+    around = 1.0 if len(faces) > 1 else size / (width, height)
+    eyes, rects = [], []
+    for number, eye in enumerate(eye for face in faces for eye in face):
+        middle, shift = eye.frame.mean(axis=0), shifts[number % len(places)] / size
+        frame = middle + around * (eye.frame - middle + shift * np.ptp(eye.frame, axis=0))
+        eyes.append(replace(eye, frame=frame, size=tuple(size.tolist())))
+        begin = np.array(divmod(number, side))[::-1] * (size + 1)
+        rects += [np.tile(begin, 2) + pixel_rect(eyes[-1], box) for box in boxes]
+    found = Grids(eyes[0].size, side, eyes, shifts, np.zeros(0, np.intp))
     return replace(found, pixels=grid(rects, found.size))
 
 
