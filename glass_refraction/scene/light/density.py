@@ -14,10 +14,14 @@ from ..rays.curtain import BLOCK_PX
 from ..rays.views import RadianceView
 from .landed import BLOCK, LEAST_LENGTH, Landed, ellipse
 
-REACH = 2.6
-"""Standard deviations to which a bell is summed: 97 % of it, the rest is made up for."""
-CUT = 1.0 - float(np.exp(-0.5 * REACH**2))
-"""The part of a bell within."""
+REACH = 2.4
+"""Widths to which a bell is summed."""
+LEFT = float(np.exp(-0.5 * REACH**2))
+"""What a Gauss bell is there over its middle: so much is taken off it, or its end were seen."""
+WITHIN = 1.0 - LEFT * (1.0 + 0.5 * REACH**2)
+"""The part of a Gauss bell that stays so."""
+WIDTH = (WITHIN / (WITHIN - LEFT * REACH**4 / 8.0)) ** 0.5
+"""Standard deviations in a bell's width: what stays is as wide as the whole Gauss bell was."""
 FINEST_PX = 0.45
 """Standard deviation, pixels, from twice which on a bell is looked at in each other pixel only."""
 LONG = 2.5
@@ -37,10 +41,10 @@ TURNS = 6
 """Of half a turn: long bells whose directions are in one of these parts may be taken as one."""
 NORMAL_STEPS = 8.0
 """Of a unit: so near to each other surfaces lie in one plane."""
-CELL, ROW_CELL = 0.5, 1.6
+CELL, ROW_CELL = 0.75, 2.0
 """Standard deviations: sides of the cells in which bells are taken as one, and those of rows, at
 most. Larger cells are a pattern where light is even; of rows there are many in each cell."""
-PAIRS = 400_000
+PAIRS = 60_000
 """Of a bell and a pixel, that are looked at together."""
 DEEP = 0.5
 """Of a bell's length: a pixel that shows what lies so far out of its plane has no part in it."""
@@ -95,10 +99,11 @@ def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
 class _Spots(Columns):
     """Bells as a view shows them.
 
-    `source`: (K,) number of the surface that each lies in. `code`: (K,) int64, alike for those of
-    nearly one plane, shape and sign. `x`, `y`: (K,) its middle, pixels from the picture's lower
-    left. `xx`, `xy`, `yy`: (K,) moments about it, square pixels. `light`: (K, 3) its light times
-    the pixels of a square metre. `cell`: (K,) side of the cells in which they may be one, pixels.
+    `source`: (K,) number of the landed light in whose surface each lies. `code`: (K,) int64, alike
+    for those of nearly one plane, shape and sign. `x`, `y`: (K,) its middle, pixels from the
+    picture's lower left. `xx`, `xy`, `yy`: (K,) moments about it, square pixels. `light`: (K, 3)
+    its light times the pixels of a square metre. `cell`: (K,) side of the cells in which they may
+    be one, pixels.
     """
 
     source: np.ndarray
@@ -113,7 +118,7 @@ class _Spots(Columns):
 
 
 @dataclass(frozen=True, eq=False)
-class _Surfaces(Columns):
+class _Surfaces:
     """Where landed light lies, about which a view is linear.
 
     `x`, `y`: (K,) pixels. `place`: (K, 3) from the middle. `normal`: (K, 3). `slope`: (K, 2, 3)
@@ -133,8 +138,8 @@ class _Bells(Columns):
 
     `pixel`: (K, 2) from the picture's lower left. `place`: (K, 3) from the middle. `plane`:
     (K, 3, 3): takes a vector to its two distances in standard deviations and that from the plane,
-    in those that count. `light`: (K, 3) in its middle. `reach`: (K,) pixels. `level`: (K,) it is
-    summed in pixels of side 2 ** level.
+    in those that count. `light`: (K, 3) in its middle. `reach`: (K, 2) along x and y and
+    `level`: (K,): it is summed so far in pixels of side 2 ** level.
     """
 
     pixel: np.ndarray
@@ -149,50 +154,52 @@ def _seen_bells(landed: Landed, seen: Seen, sigma_px: float) -> _Bells:
     parts = []
     for first in range(0, max(1, len(landed)), BLOCK):
         check()
-        some = landed.take(np.arange(first, min(first + BLOCK, len(landed))))
-        some, surfaces = _before(some, seen)
-        spots = _spots(some, surfaces, seen, sigma_px)
+        some = np.arange(first, min(first + BLOCK, len(landed)))
+        some = some[_before(landed.point[some], landed.normal[some], seen)]
+        spots = _spots(landed, some, seen, sigma_px)
         spots = spots.take(_inside(spots, seen))
-        rows = _in_rows(spots, some.strength[spots.source])
-        merged = _in_cells(rows.take(_inside(rows, seen)))
-        parts.append((merged, surfaces.take(merged.source)))
-    spots, surfaces = (joined(type(of_kind[0]), of_kind) for of_kind in zip(*parts, strict=True))
-    spots = _in_cells(replace(spots, source=np.arange(len(spots))))
+        rows = _in_rows(spots, landed.strength[spots.source])
+        parts.append(_in_cells(rows.take(_inside(rows, seen))))
+    spots = _in_cells(joined(_Spots, parts))
     counters["bells"] += len(spots)
-    return _on_surfaces(spots, surfaces.take(spots.source))
+    surfaces = _surfaces(landed.point[spots.source], landed.normal[spots.source], seen)
+    return _on_surfaces(spots, surfaces)
 
 
-def _before(landed: Landed, seen: Seen) -> tuple[Landed, _Surfaces]:
-    """The light that turns to a view and lies before it, and its surfaces."""
+def _before(points: np.ndarray, normals: np.ndarray, seen: Seen) -> np.ndarray:
+    """(K,) whether surfaces at points, with these normals (K, 3), turn to a view before them."""
     view = seen.view
-    local = view.local(landed.point)
-    x, y, z = local.T
-    towards = landed.normal @ view.to_camera[:3, :3].T
+    local = view.local(points)
     if view.is_parallel:
-        facing, length = towards[:, 2], 1.0
+        facing, length = normals @ view.to_camera[2, :3], 1.0
     else:
-        facing = -np.einsum("nk,nk->n", local, towards)
-        length = np.sqrt(x * x + y * y + z * z)
-    some = np.flatnonzero((facing > GRAZING * length) & (-z > view.near))
-    landed, local = landed.take(some), local[some]
-    x, y, z = local.T
-    # A vector's slopes against the view, by which a pixel's two coordinates grow.
-    slope = np.empty((len(some), 2, 3))
-    for axis, along in enumerate((x, y)):
+        facing = -np.einsum("nk,nk->n", local, normals @ view.to_camera[:3, :3].T)
+        length = np.sqrt(np.einsum("nk,nk->n", local, local))
+    return (facing > GRAZING * length) & (-local[:, 2] > view.near)
+
+
+def _surfaces(points: np.ndarray, normals: np.ndarray, seen: Seen) -> _Surfaces:
+    """The surfaces at points, with these normals (K, 3), as a view shows them."""
+    view = seen.view
+    local = view.local(points)
+    depth = -local[:, 2]
+    slope = np.empty((len(points), 2, 3))
+    for axis in (0, 1):
         per = 0.5 * view.size[axis] * view.projection[axis, axis]
         for k in range(3):
             slope[:, axis, k] = per * view.to_camera[axis, k]
             if not view.is_parallel:
-                slope[:, axis, k] -= per * along / z * view.to_camera[2, k]
-                slope[:, axis, k] /= -z
-    right, up = (view.project(local, view.near)[0] - view.picture[:2]).T
-    return landed, _Surfaces(right, up, landed.point - seen.middle, landed.normal, slope)
+                slope[:, axis, k] += per * local[:, axis] / depth * view.to_camera[2, k]
+                slope[:, axis, k] /= depth
+    x, y = (view.project(local, view.near)[0] - view.picture[:2]).T
+    return _Surfaces(x, y, points - seen.middle, normals, slope)
 
 
-def _spots(landed: Landed, surfaces: _Surfaces, seen: Seen, sigma_px: float) -> _Spots:
-    """Landed light as a view with this pixel filter shows it."""
+def _spots(landed: Landed, some: np.ndarray, seen: Seen, sigma_px: float) -> _Spots:
+    """Some of the landed light, by numbers (K,), as a view with this pixel filter shows it."""
+    surfaces = _surfaces(landed.point[some], landed.normal[some], seen)
     (ax, ay), (bx, by) = (
-        [np.einsum("nk,nk->n", surfaces.slope[:, axis], bell) for axis in (0, 1)]
+        [np.einsum("nk,nk->n", surfaces.slope[:, axis], bell[some]) for axis in (0, 1)]
         for bell in (landed.major, landed.minor)
     )
     square = sigma_px**2
@@ -202,7 +209,7 @@ def _spots(landed: Landed, surfaces: _Surfaces, seen: Seen, sigma_px: float) -> 
     above = np.rint(np.einsum("nk,nk->n", surfaces.place, surfaces.normal) / step)
     facing = np.rint(NORMAL_STEPS * surfaces.normal).T
     return _Spots(
-        np.arange(len(area)),
+        some,
         _hash(*facing, above, step.view(np.int64)),
         np.zeros(len(area)),
         surfaces.x,
@@ -210,7 +217,7 @@ def _spots(landed: Landed, surfaces: _Surfaces, seen: Seen, sigma_px: float) -> 
         ax * ax + bx * bx + square,
         ax * ay + bx * by,
         ay * ay + by * by + square,
-        landed.flux * area[:, None],
+        landed.flux[some] * area[:, None],
     )
 
 
@@ -224,7 +231,7 @@ def _area(surfaces: _Surfaces) -> np.ndarray:
 def _inside(spots: _Spots, seen: Seen) -> np.ndarray:
     """Numbers of the spots that reach into the picture, and there what is looked up."""
     height, width, _ = seen.points.shape
-    wide, high = REACH * np.sqrt(spots.xx), REACH * np.sqrt(spots.yy)
+    wide, high = (REACH * WIDTH * np.sqrt(part) for part in (spots.xx, spots.yy))
     some = np.flatnonzero(
         (spots.x > -wide) & (spots.x < width + wide) & (spots.y > -high) & (spots.y < height + high)
     )
@@ -313,7 +320,8 @@ def _in_cells(spots: _Spots) -> _Spots:
 
 def _on_surfaces(spots: _Spots, surfaces: _Surfaces) -> _Bells:
     """Spots as bells, each in the plane of its surface."""
-    (long, short), angle = ellipse(spots.xx, spots.xy, spots.yy)
+    sides, angle = ellipse(spots.xx, spots.xy, spots.yy)
+    long, short = (WIDTH * side for side in sides)
     # A vector in the surface, in standard deviations along and across.
     cosine, sine = np.cos(angle), np.sin(angle)
     turned = np.array(((cosine / long, sine / long), (-sine / short, cosine / short)))
@@ -327,13 +335,13 @@ def _on_surfaces(spots: _Spots, surfaces: _Surfaces) -> _Bells:
     first, second = surfaces.slope.transpose(1, 0, 2)
     right = np.cross(second, surfaces.normal) * (spots.x - surfaces.x)[:, None]
     up = np.cross(surfaces.normal, first) * (spots.y - surfaces.y)[:, None]
-    level = np.floor(np.log2(np.maximum(short / FINEST_PX, 1.0)))
+    level = np.floor(np.log2(np.maximum(sides[1] / FINEST_PX, 1.0)))
     return _Bells(
         np.stack((spots.x, spots.y), axis=1).astype(np.float32),
         (surfaces.place + (right + up) / _area(surfaces)[:, None]).astype(np.float32),
         plane.astype(np.float32),
-        spots.light / (2.0 * np.pi * CUT * long * short)[:, None],
-        np.ceil(REACH * long / 2.0**level).astype(np.intp),
+        spots.light / (2.0 * np.pi * WITHIN * long * short)[:, None],
+        np.ceil(REACH * WIDTH * np.sqrt((spots.xx, spots.yy)) / 2.0**level).T.astype(np.intp),
         level.astype(np.intp),
     )
 
@@ -372,31 +380,31 @@ def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
     padded = padded.reshape(3, -1)
     total = np.zeros((3, padded.shape[1]))
     nearest = np.rint((bells.pixel - 0.5) / 2.0**level).astype(np.intp)
-    near = (nearest >= -bells.reach[:, None]).all(axis=1)
-    near &= (nearest < np.array((width, height)) + bells.reach[:, None]).all(axis=1)
+    near = (nearest >= -bells.reach) & (nearest < np.array((width, height)) + bells.reach)
+    near = near.all(axis=1)
     grey = np.ptp(bells.light, axis=1).max(initial=0.0) <= 0.0
-    for reach in np.unique(bells.reach):
-        some = np.flatnonzero(near & (bells.reach == reach))
-        steps = np.arange(-reach, reach + 1)
-        offsets = (steps[:, None] * wide + steps).ravel()
-        block = max(1, PAIRS // len(offsets))
-        for start in range(0, len(some), block):
+    some = np.flatnonzero(near)
+    code = bells.reach[some] @ (wide, 1)
+    order = np.argsort(code, kind="stable")
+    some, code = some[order], code[order]
+    groups = np.split(some, np.flatnonzero(np.diff(code)) + 1) if len(some) else []
+    for group in groups:
+        right, up = (np.arange(-part, part + 1) for part in bells.reach[group[0]])
+        offsets = (up[:, None] * wide + right).ravel()
+        for part in np.array_split(group, -(-len(group) * len(offsets) // PAIRS)):
             check()
-            part = some[start : start + block]
             centre = (nearest[part, 1] + border) * wide + nearest[part, 0] + border
             index = centre[:, None] + offsets
             counters["bell_pixels"] += index.size
-            apart = [padded[k][index] - bells.place[part, k : k + 1] for k in range(3)]
-            plane = bells.plane[part]
-            square = np.zeros(index.shape, np.float32)
-            for number in range(3):
-                along = sum(apart[k] * plane[:, number, k : k + 1] for k in range(3))
-                if number < 2:
-                    square += along * along
-                else:
-                    square[np.abs(along) > 1.0] = np.inf
-            bell = np.exp(-0.5 * square)
-            bell[square > REACH**2] = 0.0
+            apart = [padded[k].take(index) for k in range(3)]
+            for k in range(3):
+                apart[k] -= bells.place[part, k : k + 1]
+            first, second, above = (
+                sum(apart[k] * bells.plane[part, number, k : k + 1] for k in range(3))
+                for number in range(3)
+            )
+            bell = np.exp(-0.5 * (first * first + second * second)) - np.float32(LEFT)
+            bell *= (bell > 0.0) & (np.abs(above) <= 1.0)
             for k in range(1 if grey else 3):
                 light = bell * bells.light[part, k : k + 1]
                 total[k] += np.bincount(index.ravel(), light.ravel(), total.shape[1])
@@ -409,18 +417,23 @@ def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
 def _finer(total, coarse, points, normals) -> np.ndarray:
     """Values of each other pixel for all pixels, of the nearest that lie in the pixel's plane."""
     height, width = points.shape[:2]
-    row, column = np.arange(height), np.arange(width)
-    rows = (row // 2, np.minimum((row + 1) // 2, len(total) - 1))
-    columns = (column // 2, np.minimum((column + 1) // 2, total.shape[1] - 1))
-    out, shares = np.zeros((height, width, 3)), np.zeros((height, width))
-    for r in rows:
-        for c in columns:
-            apart = coarse[r[:, None], c] - points
-            height_over = np.abs(np.einsum("ijk,ijk->ij", apart, normals))
-            length = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart))
-            share = (height_over <= ALIKE * length).astype(float)
-            out += share[..., None] * total[r[:, None], c]
-            shares += share
-    nearest = total[rows[0][:, None], columns[0]]
-    found = shares > 0.0
-    return np.where(found[..., None], out / np.where(found, shares, 1.0)[..., None], nearest)
+    found = np.zeros((height, width, 3))
+    for odd_row in (0, 1):
+        for odd_column in (0, 1):
+            some = np.s_[odd_row::2, odd_column::2]
+            place, normal = points[some], normals[some]
+            rows, columns = place.shape[:2]
+            out, shares = np.zeros(place.shape), np.zeros((rows, columns, 1))
+            for down in range(1 + odd_row):
+                for right in range(1 + odd_column):
+                    r = np.minimum(np.arange(rows) + down, len(total) - 1)[:, None]
+                    c = np.minimum(np.arange(columns) + right, total.shape[1] - 1)
+                    apart = coarse[r, c] - place
+                    above = np.abs(np.einsum("ijk,ijk->ij", apart, normal))
+                    length = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart))
+                    share = (above <= ALIKE * length)[..., None]
+                    out += share * total[r, c]
+                    shares += share
+            nearest = total[:rows, :columns]
+            found[some] = np.where(shares > 0.0, out / np.maximum(shares, 1.0), nearest)
+    return found

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ..rays.exits import pixel_rect
 from ..rays.lamps import lamp_is_normalised, lamp_power
-from ..read.viewpoint import Viewpoint
 
 LATTICE, LARGE_LATTICE = 3, 5
 """Places along either side of a lamp's lattice; of one that is seen larger than `LARGE`."""
@@ -55,10 +55,6 @@ class Emitter:
     is_round: bool = True
     is_flat: bool = False
     spot: tuple[float, float] | None = None
-
-    def stamp(self) -> tuple:
-        """Where its light comes from; how much it is does not count."""
-        return self.place.tobytes(), self.axes.tobytes(), self.half, self.is_round
 
     def side(self, towards: np.ndarray) -> int:
         """Places along either side of its lattice, as seen from a place."""
@@ -107,17 +103,6 @@ class Emitter:
         share = np.clip((ahead - cosine) / border, 0.0, 1.0)
         return share * share * (3.0 - 2.0 * share)
 
-    def seen_from(self, points: np.ndarray, place: np.ndarray):
-        """Of one place of `places`: unit directions (N, 3) to it, metres (N,), and the irradiance
-        (N,) across them over its power."""
-        if self.is_sun:
-            count = len(points)
-            return np.broadcast_to(place, (count, 3)), np.full(count, np.inf), np.ones(count)
-        away = place - points
-        distance = np.sqrt(np.einsum("nk,nk->n", away, away))
-        directions = away / distance[:, None]
-        return directions, distance, self.sent(-directions) / distance**2
-
     def eyes(
         self, places: np.ndarray, corners: np.ndarray, centre: np.ndarray, back: float
     ) -> list[list[Eye]]:
@@ -127,26 +112,22 @@ class Emitter:
         ----------
         centre : the middle of the corners. back : metres before it that a sun's rays begin.
         """
+        whole = np.array([(-1.0, -1.0), (1.0, 1.0)])
         if not self.is_sun and self._is_near(places, corners, centre):
-            one = np.array([(-1.0, -1.0), (1.0, 1.0)])
-            return [[Eye(_looking(p, *face), one, 1.0) for face in FACES] for p in places]
-        views, planes, depths = [], [], []
+            return [[Eye(p, _turned(*face), whole, 1.0) for face in FACES] for p in places]
+        eyes = []
         for place in places:
             if self.is_sun:
-                view = _looking(centre + back * place, -place, self.axes[:, 0], parallel=True)
-                local, depth = (corners - centre) @ view.to_camera[:3, :3].T, 1.0
+                axes = _turned(-place, self.axes[:, 0])
+                eyes.append(Eye(centre + back * place, axes, whole, 1.0, is_parallel=True))
             else:
                 depth = float(np.linalg.norm(centre - place))
-                view = _looking(place, (centre - place) / depth, self.facing(centre)[0])
-                local = (corners - place) @ view.to_camera[:3, :3].T
-                local *= depth / -local[:, 2:]
-            views.append(view)
-            planes.append(local[:, :2])
-            depths.append(depth)
+                axes = _turned((centre - place) / depth, self.facing(centre)[0])
+                eyes.append(Eye(place, axes, whole, depth))
+        planes = [plane / ahead for plane, ahead in (eye.in_plane(corners) for eye in eyes)]
         # The same frame for all: a place in it is the same place among the glasses.
-        low, high = (f(np.concatenate(planes), axis=0) for f in (np.min, np.max))
-        frame = np.array((low, high))
-        return [[Eye(view, frame, depth)] for view, depth in zip(views, depths, strict=True)]
+        frame = np.array([f(np.concatenate(planes), axis=0) for f in (np.min, np.max)])
+        return [[replace(eye, frame=frame)] for eye in eyes]
 
     def _is_near(self, places, corners, centre) -> bool:
         """Whether glasses lie so far aside from the view to their middle that a cube is needed."""
@@ -161,38 +142,47 @@ class Emitter:
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """A view from a place on a lamp, and the frame (2, 2) of its plane `depth` metres ahead, of a
-    sun's anywhere, that its pixels are to fill."""
+    """A place that a lamp's light comes from, and the frame that its grid of pixels fills.
 
-    view: Viewpoint
+    Attributes
+    ----------
+    place : (3,) world. axes : (3, 3) unit columns: right, up, ahead.
+    frame : (2, 2) low and high corner in a plane across, metres right and up.
+    depth : metres ahead of the plane; of a parallel eye the plane is where its rays begin.
+    size : (width, height) of the grid.
+    """
+
+    place: np.ndarray
+    axes: np.ndarray
     frame: np.ndarray
     depth: float
+    is_parallel: bool = False
+    size: tuple[int, int] = (1, 1)
 
-    def seeing(self, size: tuple[int, int], shift: np.ndarray) -> Viewpoint:
-        """The view with so many pixels, shifted by parts (2,) of one."""
-        low, high = self.frame + shift * np.ptp(self.frame, axis=0) / size
-        projection = np.zeros((4, 4))
-        projection[[0, 1], [0, 1]] = 2.0 * self.depth / (high - low)
-        middle = (high + low) / (high - low)
-        if self.view.is_parallel:
-            projection[:2, 3], projection[3, 3] = -middle, 1.0
-        else:
-            projection[:2, 2], projection[3, 2] = middle, -1.0
-        return replace(self.view, projection=projection, size=size, window=(0, 0, *size))
+    def in_plane(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World points (N, 3) as the eye sees them in its plane: (N, 2) metres times (N, 1)."""
+        local = (points - self.place) @ self.axes
+        ahead = np.ones((len(points), 1)) if self.is_parallel else local[:, 2:] / self.depth
+        return local[:, :2], ahead
 
-    def cell(self, size: tuple[int, int]) -> np.ndarray:
-        """(2, 3): the sides of a pixel in its plane, metres."""
-        width, height = np.ptp(self.frame, axis=0) / size
-        right, up = self.view.to_camera[:2, :3]
-        return np.stack((width * right, height * up))
+    def clip(self, points: np.ndarray) -> np.ndarray:
+        """Homogeneous coordinates (N, 3) in the frame; see `Viewpoint.clip`."""
+        plane, ahead = self.in_plane(points)
+        return np.hstack(((plane - ahead * self.frame[0]) / np.ptp(self.frame, axis=0), ahead))
 
-    def share(self, size: tuple[int, int], directions: np.ndarray) -> np.ndarray:
-        """(N,) of pixels' rays in unit directions (N, 3): square metres of a sun's light across, or
-        steradians."""
-        one = float(np.prod(np.ptp(self.frame, axis=0) / self.depth)) / (size[0] * size[1])
-        if self.view.is_parallel:
-            return np.full(len(directions), one)
-        return one * (directions @ self.view.forward) ** 3
+    def sees(self, corners: np.ndarray) -> bool:
+        """Whether a box with these corners may be in the frame."""
+        x0, y0, x1, y1 = pixel_rect(self, corners)
+        return x1 > x0 and y1 > y0
+
+    def cell(self) -> np.ndarray:
+        """(2, 3): the sides of a pixel in the plane, metres."""
+        return (self.axes[:, :2] * (np.ptp(self.frame, axis=0) / self.size)).T
+
+    def corner(self) -> np.ndarray:
+        """(3,) the frame's low corner, from the eye."""
+        ahead = 0.0 if self.is_parallel else self.depth
+        return self.axes @ (*self.frame[0], ahead)
 
 
 def on_disc(places: np.ndarray) -> np.ndarray:
@@ -219,12 +209,10 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def _looking(eye, forward, right, parallel: bool = False) -> Viewpoint:
+def _turned(forward: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(3, 3): unit columns right, up and ahead."""
     right = _unit(right - (right @ forward) * forward)
-    rotation = np.stack((right, np.cross(right, forward), -forward))
-    to_camera = np.eye(4)
-    to_camera[:3, :3], to_camera[:3, 3] = rotation, -rotation @ eye
-    return Viewpoint(eye, to_camera, np.zeros((4, 4)), (1, 1), (0, 0, 1, 1), parallel)
+    return np.stack((right, np.cross(right, forward), forward), axis=1)
 
 
 def read_emitters(

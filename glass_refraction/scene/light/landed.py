@@ -10,7 +10,7 @@ H. Igehy, Tracing Ray Differentials, 1999; L. Schjøth et al., Photon Differenti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,17 +26,11 @@ from ..rays.exits import (
     grid,
     neighbours,
     pixel_rect,
-    together,
 )
-from ..rays.follow import Follower, Kept
+from ..rays.follow import Follower
 from ..rays.hits import Scene, Ways
-from ..read.viewpoint import Viewpoint
 from .emitters import CELL, Emitter, Eye
 
-STEPS = 0.7548776662466927, 0.5698402909980532
-"""By which the grids of a lamp's places are shifted, one after another: of all sequences the one
-that fills a square most evenly (M. Roberts, The Unreasonable Effectiveness of Quasirandom
-Sequences, 2018)."""
 MOST_SPREAD = 0.5
 """Of the glasses' size: what a cell's light spreads at most."""
 ALONE = 3.0
@@ -44,6 +38,9 @@ ALONE = 3.0
 is narrower than a cell, and that the grid meets here and there."""
 STRAIGHT = 0
 """The path of a way that meets no glass."""
+BETWEEN = 0.75
+"""Of `CELL`: as wide is the bell of a grid's cell where several grids, shifted against each other,
+fill each other's gaps. Even light then ripples by 0.5 %, and outlines are sharper by as much."""
 LEAST_SINE = 1e-3
 """Of rays to a surface, below which they are taken not to meet it."""
 LEAST_LENGTH = 1e-300
@@ -74,22 +71,66 @@ class Landed(Columns):
 
 @dataclass(frozen=True, eq=False)
 class Grids:
-    """The pixels of all places of a lamp that see a glass.
+    """The grids of all places of a lamp side by side: one picture, a `Follower`'s view.
+
+    The lamp's x runs along the picture's y, and its y along x. The faces of a cube follow along y.
+    An empty row and column keep grids apart.
 
     Attributes
     ----------
-    size : (width, height) of each. side : places along either side of the lattice.
-    eyes : of each place, one or the faces of a cube. views : the same with their pixels.
-    pixels : of each of these, numbers, rising.
-    shifts : (S, 2) of each place, in pixels.
+    each : (width, height) of a grid. side : places along either side of the lattice.
+    eyes : of all grids, row by row. shifts : (S, 2) of each place, in pixels.
+    pixels : numbers, rising, of those that may see a glass.
     """
 
-    size: tuple[int, int]
+    each: tuple[int, int]
     side: int
-    eyes: list[list[Eye]]
-    views: list[list[Viewpoint]]
-    pixels: list[list[np.ndarray]]
+    eyes: list[Eye]
     shifts: np.ndarray
+    pixels: np.ndarray
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture."""
+        return self.side * (self.each[0] + 1), len(self.eyes) // self.side * (self.each[1] + 1)
+
+    def stamp(self) -> tuple:
+        """What its rays depend on."""
+        frames = [np.hstack((eye.place, eye.axes.ravel(), eye.frame.ravel())) for eye in self.eyes]
+        return self.each, self.side, self.eyes[0].is_parallel, np.array(frames).tobytes()
+
+    def places(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of places in the picture (N,): the numbers of their eyes, and places in these' grids."""
+        (column, x), (row, y) = (
+            np.divmod(part, size + 1) for part, size in zip((x, y), self.each, strict=True)
+        )
+        return (row * self.side + column).astype(np.intp), x, y
+
+    def rays(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World origins and unit directions (N, 3) of the rays through places in the picture."""
+        eye, x, y = self.places(x, y)
+        right, up = np.array([one.cell() for one in self.eyes]).transpose(1, 0, 2)
+        corner, place = (
+            np.array(part)[eye]
+            for part in zip(*((one.corner(), one.place) for one in self.eyes), strict=True)
+        )
+        point = corner + x[:, None] * right[eye] + y[:, None] * up[eye]
+        if self.eyes[0].is_parallel:
+            return place + point, np.array([one.axes[:, 2] for one in self.eyes])[eye]
+        return place, point / np.sqrt(np.einsum("nk,nk->n", point, point))[:, None]
+
+    def by_place(self) -> tuple[np.ndarray, tuple[int, int]]:
+        """Numbers (N,) of the pixels, and the size, of a picture where beside each lies the same
+        pixel of the next place."""
+        width, height = self.each
+        y, x = np.divmod(self.pixels, self.size[0])
+        eye, x, y = self.places(x, y)
+        row, column = np.divmod(eye, self.side)
+        face, row = np.divmod(row, self.side)
+        faces = len(self.eyes) // self.side**2
+        side = self.side + 1
+        number = ((face * height + y) * side + row) * width * side + x * side + column
+        return number, (width * side, faces * height * side)
 
 
 def grids(emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float) -> Grids:
@@ -104,94 +145,73 @@ def grids(emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float) -> 
     centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     side = emitter.side(centre)
     places = emitter.places(emitter.lattice(side), centre)
-    shifts = (np.arange(len(places))[:, None] * np.array(STEPS)) % 1.0 - 0.5
-    eyes = emitter.eyes(places, corners, centre, back)
-    wide, high = np.ptp(eyes[0][0].frame, axis=0)
+    # By parts of a pixel, along x by the place along the lamp's y: together the grids are as fine
+    # as one of so many pixels, also where the places move what they light: along x by x.
+    steps = (2.0 * np.arange(side) + 1.0) / (2.0 * side) - 0.5
+    shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    faces = list(zip(*emitter.eyes(places, corners, centre, back), strict=True))
+    wide, high = np.ptp(faces[0][0].frame, axis=0)
     # Of the faces of a cube some see no glass.
-    used = sum(any(sees(eye, box) for box in boxes) for eye in eyes[0])
+    used = sum(any(face[0].sees(box) for box in boxes) for face in faces)
     each = rays / (len(places) * max(used, 1))
     width = max(MARGIN_PX, int(np.sqrt(each * wide / high)))
     height = max(MARGIN_PX, int(each / width))
     # The margin that neighbours and shifts need lies round what the corners take.
-    size = width + 2 * MARGIN_PX, height + 2 * MARGIN_PX
-    around = 1.0 + 2.0 * MARGIN_PX / np.array((width, height))
-    views, pixels = [], []
-    for number, faces in enumerate(eyes):
-        if len(faces) == 1:
-            middle = faces[0].frame.mean(axis=0)
-            faces[0] = replace(faces[0], frame=middle + (faces[0].frame - middle) * around)
-        views.append([eye.seeing(size, shifts[number]) for eye in faces])
-        rects = [[pixel_rect(view, box) for box in boxes] for view in views[-1]]
-        pixels.append([grid(rect, size) for rect in rects])
-    return Grids(size, side, eyes, views, pixels, shifts)
-
-
-def sees(eye: Eye, corners: np.ndarray) -> bool:
-    """Whether a box with these corners may be in an eye's frame."""
-    x0, y0, x1, y1 = pixel_rect(eye.seeing((1, 1), np.zeros(2)), corners)
-    return x1 > x0 and y1 > y0
+    size = np.array((width, height)) + 2 * MARGIN_PX
+    around = 1.0 if len(faces) > 1 else size / (width, height)
+    eyes, rects = [], []
+    for number, eye in enumerate(eye for face in faces for eye in face):
+        middle, shift = eye.frame.mean(axis=0), shifts[number % len(places)] / size
+        frame = middle + around * (eye.frame - middle + shift * np.ptp(eye.frame, axis=0))
+        eyes.append(replace(eye, frame=frame, size=tuple(size.tolist())))
+        begin = np.array(divmod(number, side))[::-1] * (size + 1)
+        rects += [np.tile(begin, 2) + pixel_rect(eyes[-1], box) for box in boxes]
+    found = Grids(eyes[0].size, side, eyes, shifts, np.zeros(0, np.intp))
+    return replace(found, pixels=grid(rects, found.size))
 
 
 def follow_light(
-    emitter: Emitter,
-    grids: Grids,
-    scene: Scene,
-    follower_of: Callable[[Viewpoint, Kept], Follower],
-    kept: dict[int, Kept],
-    softness: float,
-    reach: float,
+    emitter: Emitter, grids: Grids, scene: Scene, follower: Follower, softness: float, reach: float
 ) -> Landed:
     """Where a lamp's light lands by glasses, and where it would without: that is taken away.
 
     Parameters
     ----------
-    follower_of : follows rays of a view. kept : what earlier frames found, by view.
-    softness : by what all bells are wider. reach : the glasses' size, metres.
+    follower : of the grids' rays. softness : by what all bells are wider.
+    reach : the glasses' size, metres.
     """
-    width, height = grids.size
-    side, faces = grids.side, len(grids.views[0])
-    parts, shares, by_pixel, by_place, cells = [], [], [], [], []
-    for place, views in enumerate(grids.views):
-        a, b = divmod(place, side)
-        for face, view in enumerate(views):
-            known = kept.setdefault(place * faces + face, Kept())
-            follower = follower_of(view, known)
-            rays = centre_rays(grids.pixels[place][face], follower)
-            v, u = np.divmod(rays.pixel, width)
-            origins, directions = map(np.array, view.rays(u + 0.5, v + 0.5))
-            parts.append(_with_straight(rays, origins, directions, follower.caster))
-            eye = grids.eyes[place][face]
-            share = eye.share(grids.size, directions) / len(grids.views)
-            shares.append(share * emitter.sent(directions))
-            cells.append(eye.cell(grids.size))
-            # Beside a pixel lies the next one of the same place, or the same one of the next place;
-            # an empty row and column keep others apart.
-            row, column = (face * side + b) * (height + 1) + v, a * (width + 1) + u
-            by_pixel.append(row * side * (width + 1) + column)
-            row, column = (face * height + v) * (side + 1) + b, u * (side + 1) + a
-            by_place.append(row * width * (side + 1) + column)
-    rays = together(parts)
-    number = np.repeat(np.arange(len(parts)), [len(part.pixel) for part in parts])
-    sizes = (
-        (side * (width + 1), faces * side * (height + 1)),
-        (width * (side + 1), faces * height * (side + 1)),
-    )
-    sides = [
-        neighbours(replace(rays, pixel=np.concatenate(pixel)), size)
-        for pixel, size in zip((by_pixel, by_place), sizes, strict=True)
-    ]
+    rays = centre_rays(grids.pixels, follower)
+    y, x = np.divmod(grids.pixels, grids.size[0])
+    origins, directions = grids.rays(x + 0.5, y + 0.5)
+    rays = _with_straight(rays, origins, directions, follower.caster)
+    beside = replace(rays, pixel=grids.by_place()[0])
+    sides = neighbours(rays, grids.size), neighbours(beside, grids.by_place()[1])
+    number, _, _ = grids.places(x, y)
+    cells = np.array([eye.cell() for eye in grids.eyes])
+    share = np.linalg.norm(np.cross(cells[:, 0], cells[:, 1]), axis=1)[number]
+    if not grids.eyes[0].is_parallel:
+        # Steradians of a pixel: farther aside it is smaller.
+        ahead, depth = zip(*((eye.axes[:, 2], eye.depth) for eye in grids.eyes), strict=True)
+        cosine = np.einsum("nk,nk->n", directions, np.array(ahead)[number])
+        share = share * cosine**3 / np.array(depth)[number] ** 2
+    share *= emitter.sent(directions) / grids.side**2
     ways = rays.ways
-    flux = np.concatenate(shares)[ways.ray]
+    flux = share[ways.ray]
     number = number[ways.ray]
-    shift = grids.shifts[number // faces]
+    shift = grids.shifts[number % grids.side**2]
+    cells = cells.transpose(1, 2, 0)
+    # Grids that are shifted against each other fill each other's gaps.
+    narrow = 1.0 if grids.side == 1 else BETWEEN
     on = np.flatnonzero(~ways.is_sky & (flux > 0.0))
     origin, direction = map(np.ascontiguousarray, (ways.origin.T, ways.direction.T))
     parts = []
     for some in np.array_split(on, -(-len(on) // BLOCK) or 1):
         check()
         ground = _Ground(ways, origin, direction, some, scene, shift, MOST_SPREAD * reach)
-        cell = np.array(cells).transpose(1, 2, 0)[..., number[some]]
-        bell = _axes(CELL * softness * ground.moves(sides, cell), ground.normal)
+        cell = cells[..., number[some]]
+        moves = ground.moves(sides, cell)
+        moves[:2] *= narrow
+        bell = _axes(CELL * softness * moves, ground.normal)
         spread, area = (
             np.sqrt(_dot(first, first) * _dot(second, second)) for first, second in (bell, cell)
         )

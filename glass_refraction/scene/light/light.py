@@ -19,7 +19,6 @@ from ..rays.curtain import BLOCK_PX, looked_up
 from ..rays.follow import CONTACT, Follower, Kept
 from ..rays.hits import Scene, Views
 from ..rays.views import RadianceView
-from ..read.viewpoint import Viewpoint
 from .density import BESIDE, Seen, density
 from .emitters import Emitter
 from .landed import follow_light, grids
@@ -41,9 +40,9 @@ class LightSettings:
 
 @dataclass
 class KeptLight:
-    """What earlier frames followed, by lamp and view of it."""
+    """What earlier frames followed, by lamp."""
 
-    lamps: dict[str, dict[int, Kept]] = field(default_factory=dict)
+    lamps: dict[str, Kept] = field(default_factory=dict)
 
 
 class _PastLamps:
@@ -92,11 +91,6 @@ def light_maps(
     # In large steps: ways are kept while it stays, though things move.
     back = reach * 2.0 ** np.ceil(np.log2(1.0 + _farthest(things.points, middle) / reach))
 
-    def follower_of(view: Viewpoint, known: Kept) -> Follower:
-        found = replace(follower, view=view, caster=caster, kept=known, through=None)
-        known.match(view.stamp(), follower.kept.glasses)
-        return found
-
     seen = {}
     for number, view in enumerate(views):
         if view is not None and not view.sky_only:
@@ -107,8 +101,10 @@ def light_maps(
     for emitter in settings.emitters:
         tell(f'following the light of "{emitter.name}"')
         grid = grids(emitter, boxes, settings.rays, back)
-        known = kept.lamps.setdefault(emitter.name, {})
-        landed = follow_light(emitter, grid, scene, follower_of, known, settings.softness, reach)
+        known = kept.lamps.setdefault(emitter.name, Kept())
+        known.match(grid.stamp(), follower.kept.glasses)
+        of_lamp = replace(follower, view=grid, caster=caster, kept=known, through=None)
+        landed = follow_light(emitter, grid, scene, of_lamp, settings.softness, reach)
         for number, one in seen.items():
             found[number] += density(landed, one, sigma_px) * (emitter.power / np.pi)
     return tuple(found)

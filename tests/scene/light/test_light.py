@@ -448,6 +448,19 @@ def test_bells_side_by_side_keep_their_light_and_its_spread():
     assert bells < 5000
 
 
+@pytest.mark.parametrize("apart", [0.75, 1.0, 1.25])
+def test_even_light_is_even(apart):
+    """Bells on a lattice, by its steps over their standard deviation: no end of one is seen."""
+    sigma = 0.02
+    row, column = np.mgrid[-60:61, -60:61] * apart * sigma
+    places = np.stack((row, column, 0.0 * row), axis=-1).reshape(-1, 3)
+    light, _, _ = _on_a_floor(_landed(len(places), sigma, sigma, places))
+    middle = light[16:-16, 16:-16]
+    expected = 1.0 / len(places) / (apart * sigma) ** 2
+    assert middle.mean() == pytest.approx(expected, rel=2e-3)
+    assert np.abs(middle / expected - 1.0).max() < 5e-3
+
+
 @pytest.mark.parametrize("long", [0.3, 10.0, 1e4])
 def test_a_long_bell_costs_no_more_than_its_row(long):
     light, bells, pixels = _on_a_floor(_landed(1, long, 1e-3))
@@ -549,6 +562,23 @@ def test_ways_are_followed_once_while_lamp_and_glass_stay(tmp_path):
     scenes.picture(scene, tmp_path)
     # The picture's own finer rays are kept too.
     assert counters["exit_rays"] == followed
+
+
+def test_all_places_of_a_lamp_are_followed_together(tmp_path):
+    scene = _floor(32, 24)
+    scene.refractive_glass.light_rays = 5000
+    scene.refractive_glass.shadow = "LIGHT"
+    scenes.glass(shape="ROD", radius=0.03)
+    lamp = _lamp("SUN", angle=0.0)
+    casts = []
+    # One place, and nine.
+    for angle in (0.0, 0.01):
+        lamp.data.angle = angle
+        door.forget(scene)
+        before = counters["casts"]
+        scenes.picture(scene, tmp_path)
+        casts.append(counters["casts"] - before)
+    assert casts[1] <= casts[0] + 2
 
 
 # ------------------------------------------------------------------------------------- what is told
