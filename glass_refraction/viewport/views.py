@@ -20,7 +20,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..scene.changes import generation
+from ..scene.changes import generation, is_echo
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from . import news, shaders
@@ -757,7 +757,9 @@ def _note(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, new_frame: boo
 
 @persistent
 def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    _note(scene, depsgraph, new_frame=False)
+    # The handlers that are always there have noted the evaluation before.
+    if not is_echo(scene):
+        _note(scene, depsgraph, new_frame=False)
 
 
 @persistent

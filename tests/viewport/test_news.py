@@ -38,6 +38,21 @@ def test_a_thing_that_moves_is_all_that_changed(scene):
     assert one.shape_of(thing) < one.serial
 
 
+@pytest.mark.parametrize("kind", ["cameras", "speakers"])
+def test_what_no_view_shows_may_move_unseen(scene, kind):
+    """Else each step of a camera has every capture drawn anew, which shows the same."""
+    data = getattr(bpy.data, kind).new("Unseen")
+    unseen = bpy.data.objects.new("Unseen", data)
+    scene.collection.objects.link(unseen)
+    bpy.context.view_layer.update()
+    one = news.news(scene)
+    before = one.seen
+    unseen.location.x = 1.0
+    bpy.context.view_layer.update()
+    assert one.objects[unseen.session_uid] == one.serial
+    assert one.seen == before
+
+
 def test_a_mesh_that_is_edited_has_another_shape(scene):
     one, thing = news.news(scene), bpy.data.objects["Thing"]
     before = one.shape_of(thing)
