@@ -111,9 +111,6 @@ FOLLOW = (
 /* By how much the square of a miss, in units of the glass, may be one because chords lie beside
  * the curve. */
 #define SAG_SLACK 4e-4
-/* By how much the box round a bunch of chords is wider than they are, in units of the glass: the
- * curve lies beside them. */
-#define BUNCH_ROOM 0.01
 
 /* Of the way that is followed. */
 int course = 0;
@@ -207,30 +204,24 @@ vec2 meet_chords(int at, vec3 o, vec3 d, bool back, float from)
   float ell2 = ell * ell;
   float size2 = dot(o.xy, o.xy);
   float nearest2 = outward < 0.0 ? ell2 / max(p2, 1e-30) : size2;
-  float per_rise = 1.0 / (abs(d.z) < 1e-9 ? 1e-9 : d.z);
   vec2 found = vec2(NOWHERE, 0.0);
   for (int b = 0; b < bunches; b++) {
     vec4 box = row(int(where_.x) + 2 * b);
-    vec4 more = row(int(where_.x) + 2 * b + 1);
-    float widest = box.z + BUNCH_ROOM, narrowest = max(more.y - BUNCH_ROOM, 0.0);
-    if (nearest2 > widest * widest) {
+    /* The ray's part within the cylinder round the bunch, and its heights there. */
+    float wide2 = box.z * box.z + SAG_SLACK;
+    if (nearest2 > wide2) {
       continue;
     }
-    /* The ray's part between the bunch's heights and within the cylinder round it. There it is
-     * farthest from the axis at one of its ends: it may stay within the bunch all the way. */
-    float root = sqrt(max(p2 * widest * widest - ell2, 0.0));
-    float enters = p2 > 1e-12 ? (-outward - root) / p2 : -1e6;
+    float root = sqrt(max(p2 * wide2 - ell2, 0.0));
+    float enters = p2 > 1e-12 ? max((-outward - root) / p2, 0.0) : 0.0;
     float leaves = p2 > 1e-12 ? (root - outward) / p2 : 1e6;
-    float low = (box.x - BUNCH_ROOM - o.z) * per_rise;
-    float high = (box.y + BUNCH_ROOM - o.z) * per_rise;
-    enters = max(max(enters, min(low, high)), max(from, 0.0));
-    leaves = min(min(leaves, max(low, high)), found.x);
-    float farthest2 = size2 + max((p2 * enters + 2.0 * outward) * enters,
-                                  (p2 * leaves + 2.0 * outward) * leaves);
-    if (enters > leaves || farthest2 < narrowest * narrowest) {
+    float one = o.z + enters * d.z;
+    float two = o.z + leaves * d.z;
+    if (leaves < from || enters > found.x || min(one, two) > box.y + SAG_SLACK ||
+        max(one, two) < box.x - SAG_SLACK) {
       continue;
     }
-    int count = int(more.x);
+    int count = int(row(int(where_.x) + 2 * b + 1).x);
     for (int c = 0; c < count; c++) {
       int chord = int(box.w) + CHORD_ROWS * c;
       vec4 f = row(chord);
