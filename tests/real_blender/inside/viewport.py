@@ -145,8 +145,17 @@ def frames_like_f12():
     """The eraser's outline in the viewport and in F12, frame by frame."""
     scene = bpy.context.scene
     (area,) = areas()
-    kinds = bpy.types.SpaceView3D
-    watch = kinds.draw_handler_add(note_face_samples, (), "WINDOW", "POST_VIEW")
+    capture = sys.modules[f"{NAME}.viewport.capture"]
+    plainly = capture._plainly
+
+    def watched(space, preferences):
+        # EEVEE draws next.
+        if space.shading.type == "MATERIAL":
+            evaluated = bpy.context.view_layer.depsgraph.scene_eval
+            result["face_samples"] = evaluated.eevee.taa_samples
+        return plainly(space, preferences)
+
+    capture._plainly = watched
     for kind in ("SOLID", "MATERIAL"):
         flat_view(area, kind)
         for frame in FRAMES if kind == "SOLID" else FRAMES[1:2]:
@@ -161,17 +170,9 @@ def frames_like_f12():
                 picture = screenshot(f"viewport_{kind.lower()}_{frame}", area)
             np.save(FOLDER / f"{kind}_{frame}.npy", picture)
         result.setdefault("capture_depths", {})[kind] = capture_depths()
-    kinds.draw_handler_remove(watch, "WINDOW")
+    capture._plainly = plainly
     flat_view(area, "SOLID")
     result["frame"] = camera_frame(area)
-
-
-def note_face_samples():
-    """How many samples EEVEE draws of a capture: handlers are called for it too."""
-    if sys.modules[f"{NAME}.viewport.capture"].is_drawing():
-        evaluated = bpy.context.view_layer.depsgraph.scene_eval
-        if bpy.context.space_data.shading.type == "MATERIAL":
-            result["face_samples"] = evaluated.eevee.taa_samples
 
 
 def moved_camera():
