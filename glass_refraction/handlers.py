@@ -135,7 +135,7 @@ def _on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph)
             _serve_in(REST_SECONDS)
         return
     changes.note(scene, depsgraph)
-    if _rendering:
+    if _rendering or changes.is_echo(scene):
         return
     material_link.follow(depsgraph)
     if _is_echo(depsgraph):

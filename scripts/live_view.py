@@ -394,9 +394,10 @@ def measure(scene_path: str):
     screenshot(name)
     rest, glass = shot(), covered()
     x0, y0, x1, y1 = np.round(camera_frame()).astype(int)
-    # Blender evaluates the camera anew, where it is: what moves is drawn.
-    bpy.context.scene.camera.location = bpy.context.scene.camera.location
-    redraws_once()
+    # There and back: what moves is drawn, from where the picture at rest was seen.
+    for k in range(2):
+        move_eye(k)
+        redraws_once()
     moving = shot()
     result["moving_db"] = decibels(moving, rest, glass)
     result["final_s"], result["final_cpu_s"] = yield from final()

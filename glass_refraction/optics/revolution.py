@@ -177,7 +177,8 @@ class RevolutionGlass(AxialGlass):
         medium = np.zeros(len(flat), dtype=np.intp)
         radius, low, high = self.hull
         near = (flat[:, 0] <= radius) & (flat[:, 1] >= low) & (flat[:, 1] <= high)
-        medium[near] = self._medium_exactly(flat[near])
+        if near.any():
+            medium[near] = self._medium_exactly(flat[near])
         return medium.reshape(places.shape[:-1])
 
     def holds(self, medium: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:

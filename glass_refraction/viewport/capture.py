@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import compress, product
@@ -21,6 +21,7 @@ import gpu
 import numpy as np
 from mathutils import Matrix
 
+from ..scene.changes import expect_echo
 from .description import Frame, Posed
 from .eye import CAPTURES
 from .jobs import amends_depths, is_compiling
@@ -37,6 +38,8 @@ AIM_KEPT = 0.15
 """As much, in the same measure, a close picture may look beside where it should."""
 LEAST_SHARE = 0.05
 """Of the view's pixels: glasses that may cover less have no close picture."""
+EEVEE_SAMPLES = 8
+"""Of a face that EEVEE draws, at most: it draws all samples of a view in one go, 16 by default."""
 SIDES = {"SOLID": 256, "MATERIAL": 320, "RENDERED": 320}
 """Pixels a side of a face, by the view's shading. One size each: engines compile for it."""
 NEAR = 0.02
@@ -237,7 +240,9 @@ class Captures:
         to_camera = face_view(rows, centre)
         if turned is not None:
             to_camera, projection = lit_as_beside(to_camera, projection, turned, near)
-        with _plainly(space, bpy.context.preferences):
+        amended = amends_depths(scene, space)
+        quick = _quickly(layer.depsgraph) if amended else nullcontext()
+        with quick, _plainly(space, bpy.context.preferences):
             self._face.draw_view3d(
                 scene,
                 layer,
@@ -258,7 +263,6 @@ class Captures:
         with self._face.bind():
             gpu.state.active_framebuffer_get().read_depth(0, 0, side, side, data=depth)
         wire_depth = wires.draw(projection @ to_camera, (side, side))
-        amended = amends_depths(scene, space)
         self._keep(number, face, depth, wire_depth, near / frame.unit, far / frame.unit, amended)
         self.seconds = time.perf_counter() - began
         self._stale.discard((number, face))
@@ -307,6 +311,26 @@ class Captures:
             shader.uniform_int("amended", int(amended))
             shader.uniform_float("box", (*low, *high))
             _quad().draw(shader)
+
+
+@contextmanager
+def _quickly(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
+    """While EEVEE draws a capture: few samples. The user's own setting is not touched.
+
+    What EEVEE reads is the evaluated scene's, and to write that has Blender evaluate the scene.
+    """
+    scene = depsgraph.scene_eval
+    before = scene.eevee.taa_samples
+    if before <= EEVEE_SAMPLES:
+        # 0 is without end in a view, and one sample here.
+        yield
+        return
+    expect_echo(scene)
+    scene.eevee.taa_samples = EEVEE_SAMPLES
+    try:
+        yield
+    finally:
+        scene.eevee.taa_samples = before
 
 
 @contextmanager

@@ -34,6 +34,8 @@ _SHOWING = (
     bpy.types.Texture,
 )
 """Data-blocks whose change may be seen though nothing moves."""
+_UNSEEN = {"CAMERA", "SPEAKER"}
+"""Kinds of objects that no view shows: where one is, is no matter but to the view through it."""
 
 
 @dataclass
@@ -105,7 +107,7 @@ def note(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, new_frame: bool
             one.objects[uid] = one.serial
             if update.is_updated_geometry:
                 one.shapes[uid] = one.serial
-            seen = seen or moved
+            seen = seen or (moved and block.type not in _UNSEEN)
         elif not isinstance(block, _OF_OBJECTS) and not (
             new_frame and isinstance(block, bpy.types.Scene)
         ):

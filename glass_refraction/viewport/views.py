@@ -20,7 +20,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..scene.changes import generation
+from ..scene.changes import generation, is_echo
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from . import news, shaders
@@ -43,6 +43,8 @@ HOLD_SECONDS = 0.25
 """For which faces of captures may be drawn one after the other."""
 SLICE_SECONDS = 0.05
 """Of work at rest, between which Blender sees to the user."""
+EARLY_SECONDS = 0.2
+"""The same while the engine refines what it shows: between two slices it draws, for longer."""
 REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
 PLAYING_SECONDS = 0.5
@@ -112,6 +114,8 @@ class _View:
         self.refined = 0.0
         """When the view was last drawn otherwise than before, by its engine or for a change."""
         self.began = 0.0
+        self.is_early = False
+        """A whole sample at rest was drawn of what the engine showed before it refined that."""
         self.final = self.waits = False
         """All samples are there; a redraw is due before more can be added."""
         self.is_read = self.is_due = False
@@ -353,13 +357,16 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
             view.refined = time.perf_counter()
         if moved:
             view.changed = view.refined
+            # Solid shading's engine has soon refined what it shows.
+            view.is_early = view.is_open
             _describe(view, eye)
             painter.begin(_divisor(view), MOVING_LAYER)
             view.spent, view.slower = (0, 0.0), math.inf
             _sample(view, settings, WAYS_MOVING)
             painter.use(MOVING_LAYER)
         # Else the engine only refines what it shows: what is there stays until better is done.
-        view.stage = MOVING
+        if moved or view.is_early:
+            view.stage = MOVING
         _ask_for_rest()
     drawn = painter.direct.wires.uids
     selected = any(obj.session_uid in drawn for obj in layer.objects.selected)
@@ -575,8 +582,9 @@ def _rest() -> float | None:
         if window.screen.is_animation_playing and not quick:
             wait = PLAYING_SECONDS if wait is None else min(wait, PLAYING_SECONDS)
             continue
-        # Captures do not wait for the engine to refine what it shows, samples do.
-        since = view.changed if view.captures.left or waits else view.refined
+        # Captures do not wait for the engine to refine what it shows, nor does a first sample.
+        at_once = view.captures.left or waits or not view.is_early
+        since = view.changed if at_once else view.refined
         left = since + REST_SECONDS - time.perf_counter()
         if left > 0.0 and not quick:
             wait = left if wait is None else min(wait, left)
@@ -662,13 +670,13 @@ def _work(view: _View, window, space, region) -> None:
             view.is_due, view.waits = not view.is_read, True
             region.tag_redraw()
         return
-    if not view.is_read:
+    if not view.is_read and view.is_early:
         view.is_due = view.waits = True
         region.tag_redraw()
         return
     settings = scene.refractive_glass
     painter.direct.find_steps(view.eye, view.model.frame)
-    until = time.perf_counter() + SLICE_SECONDS
+    until = time.perf_counter() + (SLICE_SECONDS if view.is_early else EARLY_SECONDS)
     while time.perf_counter() < until and not view.final:
         if view.stage == MOVING:
             _describe(view, view.eye)
@@ -681,9 +689,13 @@ def _work(view: _View, window, space, region) -> None:
             _sample(view, settings, WAYS, SLICE_SECONDS)
             if painter.is_whole:
                 painter.use(view.layers[0])
+                region.tag_redraw()
+                if not view.is_early:
+                    # To be drawn again of what the engine comes to rest at.
+                    view.is_early, view.stage = True, MOVING
+                    return
                 painter.begin_edges(view.layers[1], view.layers[0])
                 view.stage = MORE
-                region.tag_redraw()
         else:
             _sample(view, settings, WAYS_MORE, SLICE_SECONDS, edges=True)
             if painter.is_whole and painter.samples >= SAMPLES - 1:
@@ -757,7 +769,9 @@ def _note(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, new_frame: boo
 
 @persistent
 def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    _note(scene, depsgraph, new_frame=False)
+    # The handlers that are always there have noted the evaluation before.
+    if not is_echo(scene):
+        _note(scene, depsgraph, new_frame=False)
 
 
 @persistent

@@ -83,7 +83,7 @@ class Wires:
             Values as in a depth buffer, `NOTHING` where nothing is; valid until the next call with
             this size.
         """
-        width, height = size
+        pixels = width, height = size
         if size not in self._targets:
             # A view has one size, and its captures another.
             while len(self._targets) > 1:
@@ -109,16 +109,20 @@ class Wires:
                 for uid, pose in self._poses.items():
                     to_clip = view_to_clip @ pose
                     for batch, beside in self._batches[uid][1]:
-                        for right, up in beside if begin else (HERE,):
-                            shift = np.eye(4)
-                            shift[:2, 3] = 2.0 * right / width, 2.0 * up / height
-                            # Column by column, as GLSL keeps matrices.
-                            shader.uniform_float("to_clip", (shift @ to_clip).T.ravel().tolist())
+                        for columns in _shifted(to_clip, beside if begin else (HERE,), pixels):
+                            shader.uniform_float("to_clip", columns)
                             batch.draw(shader)
             gpu.state.program_point_size_set(False)
             gpu.state.depth_mask_set(False)
             gpu.state.depth_test_set("NONE")
         return texture
+
+
+def _shifted(to_clip: np.ndarray, shifts, size: tuple[int, int]) -> list[list[float]]:
+    """A matrix that also shifts by some pixels (right, up), column by column as GLSL keeps it."""
+    moved = np.repeat(to_clip.T[None], len(shifts), axis=0)
+    moved[:, :, :2] += 2.0 * (np.array(shifts) / size)[:, None] * to_clip[3, :, None]
+    return moved.reshape(-1, 16).tolist()
 
 
 def _batches(mesh: bpy.types.Mesh) -> list[tuple]:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from glass_refraction import optics
-from glass_refraction.optics import LightPath, RevolutionGlass, SphereGlass, Tumbler
+from glass_refraction.optics import LightPath, RevolutionGlass, SphereGlass, Tumbler, revolution
 
 PIXEL = 1.0 / 2400.0
 OUTER = [(0, 0), (0.02, 0.001), (0.035, 0.02), (0.042, 0.05), (0.036, 0.09), (0.03, 0.11)]
@@ -158,6 +158,19 @@ def test_weights_sum_to_one():
     assert THROUGH in paths
     missed = weights[0] == 1.0
     assert 0.1 < missed.mean() < 0.9 and (rest[missed] == 0.0).all()
+
+
+def test_an_eye_that_is_far_away_costs_no_look_at_the_outline(monkeypatch):
+    """The 3D view asks at each redraw."""
+    CARAFE.medium_at(np.zeros((1, 3)))
+
+    def refuse(*_):
+        raise AssertionError("the outline was walked")
+
+    monkeypatch.setattr(revolution, "_encloses", refuse)
+    assert CARAFE.medium_at(np.array([0.4, 0.0, 0.05])) == 0
+    with pytest.raises(AssertionError):
+        CARAFE.medium_at(np.array([0.0, 0.0, 0.05]))
 
 
 def test_nothing_but_numbers():

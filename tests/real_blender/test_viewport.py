@@ -91,6 +91,20 @@ def test_captures_tell_how_far_things_are(found, kind):
     assert found["capture_depths"][kind] < {"SOLID": 0.05, "MATERIAL": 0.25}[kind]
 
 
+def test_a_camera_that_moves_has_no_capture_drawn_anew(found):
+    assert found["moved_camera"]["faces"] == 0
+
+
+def test_a_whole_sample_does_not_wait_for_eevee_to_refine(found):
+    assert found["moved_camera"]["early"]
+
+
+def test_eevee_draws_few_samples_of_captures_and_the_users_setting_stays(found):
+    samples = found["moved_camera"]["samples"]
+    assert samples == [16, 16]
+    assert 0 < found["face_samples"] < samples[0]
+
+
 def test_lines_of_glasses_that_are_not_selected_are_not_seen(found):
     """Of rings of some hundred pixels each a few may be left."""
     assert found["lines"] < 40

@@ -4,6 +4,7 @@
 import bpy
 import pytest
 
+from glass_refraction.scene import changes
 from glass_refraction.viewport import news
 
 
@@ -38,6 +39,21 @@ def test_a_thing_that_moves_is_all_that_changed(scene):
     assert one.shape_of(thing) < one.serial
 
 
+@pytest.mark.parametrize("kind", ["cameras", "speakers"])
+def test_what_no_view_shows_may_move_unseen(scene, kind):
+    """Else each step of a camera has every capture drawn anew, which shows the same."""
+    data = getattr(bpy.data, kind).new("Unseen")
+    unseen = bpy.data.objects.new("Unseen", data)
+    scene.collection.objects.link(unseen)
+    bpy.context.view_layer.update()
+    one = news.news(scene)
+    before = one.seen
+    unseen.location.x = 1.0
+    bpy.context.view_layer.update()
+    assert one.objects[unseen.session_uid] == one.serial
+    assert one.seen == before
+
+
 def test_a_mesh_that_is_edited_has_another_shape(scene):
     one, thing = news.news(scene), bpy.data.objects["Thing"]
     before = one.shape_of(thing)
@@ -64,3 +80,48 @@ def test_after_undo_everything_and_every_shape_is_new(scene):
     news.forget()
     assert one.everything == one.serial
     assert one.shape_of(thing) > before
+
+
+@pytest.fixture
+def told(scene):
+    """Of each evaluation, how often anything changed so far and whether it was an echo."""
+    found = []
+
+    def note(scene, depsgraph):
+        # The extension's own handlers come first.
+        found.append((changes.generation(scene), changes.is_echo(scene)))
+
+    bpy.app.handlers.depsgraph_update_post.append(note)
+    yield found
+    bpy.app.handlers.depsgraph_update_post.remove(note)
+
+
+def write_and_put_back(scene):
+    """What a capture does with EEVEE's samples."""
+    evaluated = bpy.context.view_layer.depsgraph.scene_eval
+    before = evaluated.eevee.taa_samples
+    changes.expect_echo(scene)
+    evaluated.eevee.taa_samples = 1
+    evaluated.eevee.taa_samples = before
+    return before
+
+
+def test_a_setting_that_is_put_back_is_no_news(scene, told):
+    before = changes.generation(scene)
+    samples = write_and_put_back(scene)
+    bpy.context.view_layer.update()
+    assert scene.eevee.taa_samples == samples
+    assert told and told[-1] == (before, True)
+
+
+def test_what_changes_together_with_it_is_news(scene, told):
+    before = changes.generation(scene)
+    write_and_put_back(scene)
+    bpy.data.objects["Thing"].location.x = 1.0
+    bpy.context.view_layer.update()
+    assert told[-1] == (before + 1, False)
+    # And an echo is expected once.
+    scene.render.fps += 1
+    scene.update_tag()
+    bpy.context.view_layer.update()
+    assert told[-1] == (before + 2, False)

@@ -145,6 +145,17 @@ def frames_like_f12():
     """The eraser's outline in the viewport and in F12, frame by frame."""
     scene = bpy.context.scene
     (area,) = areas()
+    capture = sys.modules[f"{NAME}.viewport.capture"]
+    plainly = capture._plainly
+
+    def watched(space, preferences):
+        # EEVEE draws next.
+        if space.shading.type == "MATERIAL":
+            evaluated = bpy.context.view_layer.depsgraph.scene_eval
+            result["face_samples"] = evaluated.eevee.taa_samples
+        return plainly(space, preferences)
+
+    capture._plainly = watched
     for kind in ("SOLID", "MATERIAL"):
         flat_view(area, kind)
         for frame in FRAMES if kind == "SOLID" else FRAMES[1:2]:
@@ -159,8 +170,34 @@ def frames_like_f12():
                 picture = screenshot(f"viewport_{kind.lower()}_{frame}", area)
             np.save(FOLDER / f"{kind}_{frame}.npy", picture)
         result.setdefault("capture_depths", {})[kind] = capture_depths()
+    capture._plainly = plainly
     flat_view(area, "SOLID")
     result["frame"] = camera_frame(area)
+
+
+def moved_camera():
+    """What is drawn once the camera has moved in Material Preview, until the picture is final."""
+    (area,) = areas()
+    flat_view(area, "MATERIAL")
+    yield from rest()
+    views, scene = module(), bpy.context.scene
+    faces, early = views.counters["faces"], False
+    scene.camera.location.x += STEP[0]
+    yield 0.1
+    started = time.perf_counter()
+    while not views.at_rest() and time.perf_counter() - started < REST_SECONDS:
+        for view in views._views.values():
+            early = early or (view.painter.divisor == 1 and not view.is_read)
+        yield 0.02
+    evaluated = bpy.context.view_layer.depsgraph.scene_eval
+    result["moved_camera"] = {
+        "faces": views.counters["faces"] - faces,
+        "early": early,
+        "samples": [evaluated.eevee.taa_samples, scene.eevee.taa_samples],
+    }
+    scene.camera.location.x += STEP[1]
+    flat_view(area, "SOLID")
+    yield from rest()
 
 
 def capture_depths():
@@ -453,6 +490,7 @@ def steps():
     switch(area, True)
     parts = (
         frames_like_f12,
+        moved_camera,
         lines,
         clear,
         stillness,

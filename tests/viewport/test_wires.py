@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How edges of glasses are drawn wider: shifted by whole pixels."""
+
+import numpy as np
+import pytest
+
+from glass_refraction.viewport.wires import BESIDE, _shifted
+
+
+def test_edges_are_shifted_by_whole_pixels():
+    size = (640, 480)
+    rng = np.random.default_rng(0)
+    to_clip, place = rng.normal(size=(4, 4)), np.append(rng.normal(size=3), 1.0)
+
+    def pixel(matrix):
+        clip = matrix @ place
+        return 0.5 * (clip[:2] / clip[3] + 1.0) * size
+
+    for shift, columns in zip(BESIDE, _shifted(to_clip, BESIDE, size), strict=True):
+        moved = pixel(np.reshape(columns, (4, 4)).T)
+        assert moved - pixel(to_clip) == pytest.approx(shift, abs=1e-6)
