@@ -38,9 +38,9 @@ INSIDE = 1e-4
 AROUND = 0.3
 """Parts of a cell around it in which the path's region counts as touching it."""
 
-WORK = 30_000
+WORK = 60_000
 """Cells times events of a level that is still looked at closely. A path that runs round in the wall
-along ten mirrors has a region of threads: finer levels took a minute and found no more of it."""
+along ten mirrors has a region of threads: finer levels took a minute and more."""
 
 UNEVEN = 0.15
 """How far the middle ray of a cell may lie from its corners' mean, in sizes of the cell."""
