@@ -93,9 +93,7 @@ def light_maps(
     back = reach * 2.0 ** np.ceil(np.log2(1.0 + _farthest(things.points, middle) / reach))
 
     def follower_of(view: Viewpoint, known: Kept) -> Follower:
-        found = replace(follower, view=view, caster=caster, kept=known, through=None)
-        known.match(view.stamp(), follower.kept.glasses)
-        return found
+        return replace(follower, view=view, caster=caster, kept=known, through=None)
 
     seen = {}
     for number, view in enumerate(views):

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Follows a picture's rays through all glasses, up to the things that they meet at last.
 
-Where no thing reaches among the glasses, what rays do in these does not depend on things: it is
-found without looking for any, and kept for the next frame while eye and glasses stay. Each ray's
-ways are the same to the bit whether they were kept or not, and whichever rays go with it.
+What rays do is kept for the next frame while eye and glasses stay. Where no thing reaches among
+the glasses, it is found without looking for any. Else those pixels are followed anew of which a ray
+passes where a thing moved. Each ray's ways are the same to the bit whether they were kept or not,
+and whichever rays go with it.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import optics
+from ...optics.exit_rays import TOUCHING, grain
 from ..memory import counters
 from ..progress import check
 from ..read.viewpoint import Viewpoint
 from .caster import Caster, cast_past
-from .columns import joined
+from .columns import Columns, joined
 from .hits import Ways
 from .meshes import GlassMeshes
+from .moved import Known, touched
+from .things import Things
 
 Band = tuple[tuple[float, float, float], list[optics.Placed]]
 """What light of a band brings to the colours, and the glasses as it finds them."""
@@ -34,43 +38,115 @@ pixel's."""
 TOGETHER = 100_000
 """Rays that are followed together. While they are, each takes a kilobyte and more; fewer would cost
 time, for each step is a batch of casts."""
+NEAR = 8.0 * TOUCHING
+"""Of the largest coordinate: where float32 keeps places, things so near to a ray may matter."""
 MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
 
+@dataclass(frozen=True, eq=False)
+class Passed(Columns):
+    """Stretches of rays up to interfaces: (S,) number of the ray, begin and end (S, 2, 3)."""
+
+    ray: np.ndarray
+    ends: np.ndarray
+
+
+NOTHING_PASSED = Passed(np.zeros(0, np.int32), np.zeros((0, 2, 3), np.float32))
+
+
 class Block(NamedTuple):
-    """Pixels (N,), numbers rising, the ways of as many rays in each, pixel by pixel, and of each
-    ray the part of its light that is not in them."""
+    """Pixels (N,), numbers rising, the ways of as many rays in each, pixel by pixel, of each ray
+    the part of its light that is not in them, and what it passed if things matter there."""
 
     pixels: np.ndarray
     ways: Ways
     lost: np.ndarray
+    passed: Passed
+
+    @property
+    def size(self) -> int:
+        """How much it holds, in ways; four stretches take as much as one."""
+        return len(self.ways) + len(self.passed) // 4
+
+    def of(self, pixels: np.ndarray, count: int) -> Block:
+        """What it has of some of its pixels; it has ``count`` rays in each."""
+        if len(pixels) == len(self.pixels):
+            return self
+        chosen = np.searchsorted(self.pixels, pixels)
+        number = np.full(len(self.pixels), -1, np.int32)
+        number[chosen] = np.arange(len(pixels))
+        parts = []
+        for part in (self.ways, self.passed):
+            pixel, ray = np.divmod(part.ray, count)
+            rows = np.flatnonzero(number[pixel] >= 0)
+            parts.append(replace(part.take(rows), ray=number[pixel[rows]] * count + ray[rows]))
+        return Block(pixels, parts[0], self.lost.reshape(-1, count)[chosen].ravel(), parts[1])
+
+    def still(self, boxes: np.ndarray, number: np.ndarray, margin: float) -> Block:
+        """What it has of those pixels of which no ray comes into boxes (B, 2, 3) of what moved.
+
+        Parameters
+        ----------
+        number : (T,) of what rays met before, as it is now.
+        margin : metres within which things matter, beside rounding.
+        """
+        count = len(self.lost) // len(self.pixels)
+        block, stale = self, [np.zeros(0, np.int32)]
+        if len(boxes):
+            begin, end = self.passed.ends[:, 0], self.passed.ends[:, 1]
+            margin += NEAR * np.abs(begin).max(initial=0.0)
+            stale.append(self.passed.ray[touched(boxes, margin, begin, end - begin)])
+            begin, ways = self.ways.origin, self.ways
+            bounds = np.concatenate((boxes.reshape(-1, 3), begin))
+            # What ends nowhere ends beyond all boxes.
+            way = np.minimum(ways.distance, np.linalg.norm(np.ptp(bounds, axis=0)))
+            stale.append(ways.ray[touched(boxes, margin, begin, way[:, None] * ways.direction)])
+            pixels = np.unique(np.concatenate(stale) // count)
+            block = self.of(np.delete(self.pixels, pixels), count)
+        triangle = block.ways.triangle
+        met = np.flatnonzero(triangle >= 0)
+        ways = replace(block.ways, triangle=triangle.copy())
+        ways.triangle[met] = number[triangle[met]]
+        return block._replace(ways=ways)
 
 
 @dataclass
 class Kept:
-    """What was followed without looking for things, by the places of its rays in a pixel.
+    """What was followed, by the places of its rays in a pixel.
 
     Attributes
     ----------
     eye : stamp of where rays begin. glasses : stamps of these and of how they are followed.
+    known : what rays met; None if they were followed without looking for things.
     parts : least weight and places -> blocks one behind another in the picture.
     """
 
     eye: tuple = ()
     glasses: tuple = ()
+    known: Known | None = None
     parts: dict[tuple[float, bytes], list[Block]] = field(default_factory=dict)
 
-    def match(self, eye: tuple, glasses: tuple) -> None:
-        """Forget what was found for another eye or other glasses."""
-        if (eye, glasses) != (self.eye, self.glasses):
+    def match(self, eye: tuple, glasses: tuple, known: Known | None, margin: float) -> None:
+        """Forget what was found for another eye, other glasses and where things moved.
+
+        ``margin``: metres within which a thing matters to a ray.
+        """
+        old, self.known = self.known, known
+        if (eye, glasses) != (self.eye, self.glasses) or (old is None) != (known is None):
             self.eye, self.glasses = eye, glasses
             self.parts.clear()
+        if not (known and self.parts):
+            return
+        boxes, number = old.moved_to(known)
+        for key, blocks in self.parts.items():
+            left = (block.still(boxes, number, margin) for block in blocks)
+            self.parts[key] = [block for block in left if len(block.pixels)]
 
     @property
-    def ways(self) -> int:
-        """How many ways are kept."""
-        return sum(len(block.ways) for blocks in self.parts.values() for block in blocks)
+    def size(self) -> int:
+        """How much is kept, in ways."""
+        return sum(block.size for blocks in self.parts.values() for block in blocks)
 
 
 @dataclass
@@ -80,7 +156,8 @@ class Follower:
     Attributes
     ----------
     view : the camera. bands : glasses in light of each band.
-    caster : of things. boxes : (B, 2, 3) round these. hull : (2, 3) a box round all glasses.
+    caster : of things. things : these. boxes : (B, 2, 3) round them.
+    hull : (2, 3) a box round all glasses. stamp : of the glasses and of how they are followed.
     meshes : the glasses that are meshes.
     min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
     through : (T,) bool, which triangles are seen through the glasses; None: all.
@@ -90,8 +167,10 @@ class Follower:
     bands: Sequence[Band]
     caster: Caster
     meshes: GlassMeshes
+    things: Things
     boxes: np.ndarray
     hull: np.ndarray
+    stamp: tuple
     min_weight: float
     fresnel: bool
     kept: Kept
@@ -102,6 +181,12 @@ class Follower:
         self._skin = CONTACT * float(np.linalg.norm(high - low))
         inside = (self.boxes[:, 0] < high - self._skin) & (self.boxes[:, 1] > low + self._skin)
         self._apart = not inside.all(axis=1).any()
+        # Where things reach among the glasses, rays depend on them, and on how exactly they are met.
+        known, accuracy = None, 0.0
+        if not self._apart:
+            known, accuracy = Known(self.things, self.through), grain(self.boxes)
+        stamp = (*self.stamp, accuracy)
+        self.kept.match(self.view.stamp(), stamp, known, self._skin + 4.0 * accuracy)
         placed = [glass for _, glasses in self.bands for glass in glasses]
         self.rough = any(glass.roughness for glass in placed)
         self.only_meshes = all(glass.is_mesh for glass in placed)
@@ -114,7 +199,7 @@ class Follower:
 
     def blocks(
         self, pixels: np.ndarray, places: np.ndarray, settled: np.ndarray | None = None
-    ) -> Iterator[Block]:
+    ) -> Iterator[tuple[np.ndarray, Ways, np.ndarray]]:
         """Ways of rays through places (P, 2) of each pixel (N,), numbers rising, from its centre.
 
         Rays that meet no glass first have no way.
@@ -126,22 +211,19 @@ class Follower:
 
         Yields
         ------
-        At least one block, each of a part of the pixels.
+        At least once: a part of the pixels, their ways and lost light, see `Block`.
         """
         least = self.min_weight if settled is None else self.fine_weight
         key = (least, places.tobytes())
         known = self.kept.parts.pop(key, [])
-        room, kept = MOST_KEPT - self.kept.ways, []
+        room, kept = MOST_KEPT - self.kept.size, []
         for part, old in _divided(pixels, known, max(1, TOGETHER // len(places))):
-            if self._apart:
-                whole = self._whole(part, places, least, old)
-                room -= len(whole.ways)
-                kept = [*kept, whole] if len(whole.pixels) and room >= 0 else []
-                ways, lost = self._of_kept(whole, part, places)
-            else:
-                ways, lost = self._traced(part, places, least, things=True)
+            whole = self._whole(part, places, least, old, keep=room > 0)
+            room -= whole.size
+            kept = [*kept, whole] if len(whole.pixels) and room >= 0 else []
+            ways, lost = self._of_kept(whole, part, places)
             ways, lost = unsettled(ways, lost, part, len(places), settled)
-            yield Block(part, self._ended(ways) if self._apart else ways, lost)
+            yield part, self._ended(ways) if self._apart else ways, lost
         if kept:
             self.kept.parts[key] = kept
 
@@ -155,11 +237,13 @@ class Follower:
         return np.array(origins), np.array(directions)
 
     def _traced(
-        self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
-    ) -> tuple[Ways, np.ndarray]:
+        self, pixels: np.ndarray, places: np.ndarray, least: float, keep: bool
+    ) -> Block:
+        """What rays do, up to the things that they meet if these reach among the glasses."""
+        things = not self._apart
         origins, directions = self._rays(pixels, places)
         counters["exit_rays"] += len(origins)
-        parts, lost = [], np.zeros(len(origins))
+        parts, passed, lost = [], [NOTHING_PASSED], np.zeros(len(origins))
         for number, (colour, placed) in enumerate(self.bands):
             ends = optics.exit_rays(
                 placed,
@@ -173,8 +257,10 @@ class Follower:
                 pixel=np.repeat(pixels, len(places)),
                 sample=np.tile(np.arange(len(places)), len(pixels)),
                 between=check,
+                stretches=keep and things,
             )
             check()
+            passed.append(Passed(ends.passed_ray, ends.passed))
             share = float(np.mean(colour))
             met = np.flatnonzero(ends.events > 0)
             weight = ends.weight[met]
@@ -193,35 +279,31 @@ class Follower:
                     ends.rough[met],
                 )
             )
-        return joined(Ways, parts), lost
+        return Block(pixels, joined(Ways, parts), lost, joined(Passed, passed))
 
     def _whole(
-        self, pixels: np.ndarray, places: np.ndarray, least: float, old: Block | None
+        self, pixels: np.ndarray, places: np.ndarray, least: float, old: Block | None, keep: bool
     ) -> Block:
-        """An old block and the ways, without things, of those pixels that it has not."""
+        """An old block and what rays do in those pixels that it has not.
+
+        ``keep``: the next frame may need it.
+        """
         if old is None:
-            return Block(pixels, *self._traced(pixels, places, least, things=False))
+            return self._traced(pixels, places, least, keep)
         new = np.setdiff1d(pixels, old.pixels, assume_unique=True)
         if not len(new):
             return old
-        traced = self._traced(new, places, least, things=False)
-        return _merged(old, Block(new, *traced), len(places))
+        return _merged(old, self._traced(new, places, least, keep), len(places))
 
     def _of_kept(
         self, kept: Block, pixels: np.ndarray, places: np.ndarray
     ) -> tuple[Ways, np.ndarray]:
         """The ways of some pixels of a block that no thing hides from the eye, and lost light."""
-        count, ways, lost = len(places), kept.ways, kept.lost
-        if len(kept.pixels) > len(pixels):
-            chosen = np.searchsorted(kept.pixels, pixels)
-            number = np.full(len(kept.pixels), -1, np.int32)
-            number[chosen] = np.arange(len(pixels))
-            pixel, ray = np.divmod(ways.ray, count)
-            rows = np.flatnonzero(number[pixel] >= 0)
-            ways = replace(ways.take(rows), ray=number[pixel[rows]] * count + ray[rows])
-            lost = lost.reshape(-1, count)[chosen].ravel()
-        seen = self._unhidden(ways, pixels, places)
-        return ways.take(np.flatnonzero(seen[ways.ray])), lost * seen
+        some = kept._replace(passed=NOTHING_PASSED).of(pixels, len(places))
+        if not self._apart:
+            return some.ways, some.lost
+        seen = self._unhidden(some.ways, pixels, places)
+        return some.ways.take(np.flatnonzero(seen[some.ways.ray])), some.lost * seen
 
     def _unhidden(self, ways: Ways, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
         """(N · P,) which rays that have ways meet no thing before the glasses."""
@@ -329,10 +411,15 @@ def _merged(old: Block, new: Block, count: int) -> Block:
     order = np.argsort(pixels, kind="stable")
     place = np.empty(len(order), np.int32)
     place[order] = np.arange(len(order))
-    start = np.repeat((0, len(old.pixels)), (len(old.ways), len(new.ways)))
-    ways = joined(Ways, [old.ways, new.ways])
-    pixel, ray = np.divmod(ways.ray, count)
-    ways = replace(ways, ray=place[pixel + start] * count + ray)
-    lost = np.concatenate((old.lost, new.lost)).reshape(-1, count)[order]
+
+    def merged(kind, first, second):
+        start = np.repeat((0, len(old.pixels)), (len(first), len(second)))
+        both = joined(kind, [first, second])
+        pixel, ray = np.divmod(both.ray, count)
+        return replace(both, ray=place[pixel + start] * count + ray)
+
+    ways = merged(Ways, old.ways, new.ways)
     # Rows of one ray stay side by side, in their order.
-    return Block(pixels[order], ways.take(np.argsort(ways.ray, kind="stable")), lost.ravel())
+    ways = ways.take(np.argsort(ways.ray, kind="stable"))
+    lost = np.concatenate((old.lost, new.lost)).reshape(-1, count)[order]
+    return Block(pixels[order], ways, lost.ravel(), merged(Passed, old.passed, new.passed))

@@ -241,14 +241,15 @@ def _follower(
     """Follows the rays of the picture."""
     view = frame.view
     glasses = tuple(glass.stamp() for glass in frame.glasses)
-    kept.match(view.stamp(), (frame.min_weight, frame.fresnel, *glasses))
     return Follower(
         view,
         _bands(frame.glasses),
         scene.caster,
         meshes,
+        frame.things,
         _boxes(frame.things),
         _hull(bodies),
+        (frame.min_weight, frame.fresnel, *glasses),
         frame.min_weight,
         frame.fresnel,
         kept,

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What of the things is not as it was, and which rays pass where that is or was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...optics.exit_rays import meets_boxes
+from ...optics.facets import fold
+from .things import Things
+
+BOXES = 16
+"""Boxes in which all that moved lies: more would fit it better and take longer to look through."""
+
+
+class Known:
+    """Triangles of a frame as the next frame knows them again.
+
+    Parameters
+    ----------
+    counts : (T,) bool, which triangles rays see that have passed a glass; None: all.
+    """
+
+    def __init__(self, things: Things, counts: np.ndarray | None) -> None:
+        self.corners = things.points[things.triangles]
+        looks = zip(things.owners, things.looks, strict=True)
+        kind = np.array([hash((owner, look.is_lamp)) for owner, look in looks], np.int64)
+        seen = 0 if counts is None else counts.astype(np.int64)
+        code = kind[things.surface].view(np.uint64)
+        for part in (np.broadcast_to(seen, len(code)), *_bits(self.corners)):
+            code = fold(code, part)
+        self._code = code
+
+    def moved_to(self, other: Known) -> tuple[np.ndarray, np.ndarray]:
+        """What is different in another frame.
+
+        Returns
+        -------
+        boxes : (B, 2, 3) round all triangles that only one of both has.
+        number : (T,) of each triangle in the other frame, −1 where it has none that is the same.
+        """
+        order = np.argsort(other._code, kind="stable")
+        there = other._code[order]
+        at = np.minimum(np.searchsorted(there, self._code), max(len(there) - 1, 0))
+        same = there[at] == self._code if len(there) else np.zeros(len(self._code), bool)
+        number = np.full(len(same), -1, np.int32)
+        number[same] = order[at[same]]
+        new = ~np.isin(other._code, self._code)
+        return _boxes(np.concatenate((self.corners[~same], other.corners[new]))), number
+
+
+def _bits(corners: np.ndarray) -> np.ndarray:
+    """(9, T) whole numbers that are equal where corners (T, 3, 3) are."""
+    return np.ascontiguousarray(corners.reshape(-1, 9).T).view(np.int64)
+
+
+def _boxes(corners: np.ndarray) -> np.ndarray:
+    """(B, 2, 3): boxes round triangles (n, 3, 3), in runs along the longest side of all."""
+    if not len(corners):
+        return np.zeros((0, 2, 3))
+    middles = corners.mean(axis=1)
+    order = np.argsort(middles[:, np.ptp(middles, axis=0).argmax()], kind="stable")
+    runs = np.array_split(corners[order], min(BOXES, len(order)))
+    return np.array([(run.min(axis=(0, 1)), run.max(axis=(0, 1))) for run in runs])
+
+
+def touched(
+    boxes: np.ndarray, margin: float, begin: np.ndarray, stretch: np.ndarray
+) -> np.ndarray:
+    """(S,) which stretches come into a box (B, 2, 3).
+
+    Parameters
+    ----------
+    margin : metres by which boxes are larger, B ≥ 1.
+    begin, stretch : (S, 3) where each begins, and from there to its end.
+    """
+    found = np.zeros(len(begin), bool)
+    some = np.arange(len(begin))
+    whole = np.array([(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))])
+    for part in (whole, boxes):
+        place, along = (np.ascontiguousarray(x[some].T, float) for x in (begin, stretch))
+        some = some[meets_boxes(part, margin, place, along, np.ones(len(some)))]
+    found[some] = True
+    return found
