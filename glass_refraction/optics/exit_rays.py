@@ -388,9 +388,7 @@ class _Followed:
         some = slice(None)
         if self.things is not None:
             margin = _margin(self.things)
-            some = np.flatnonzero(
-                meets_boxes(self.things, margin, live.place, live.direction, far)
-            )
+            some = np.flatnonzero(meets_boxes(self.things, margin, live.place, live.direction, far))
             if not len(some):
                 return free
         aside, along = columns(live.aside, some), columns(live.direction, some)

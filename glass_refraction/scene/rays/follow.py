@@ -181,7 +181,7 @@ class Follower:
         self._skin = CONTACT * float(np.linalg.norm(high - low))
         inside = (self.boxes[:, 0] < high - self._skin) & (self.boxes[:, 1] > low + self._skin)
         self._apart = not inside.all(axis=1).any()
-        # Where things reach among the glasses, rays depend on them, and on how exactly they are met.
+        # Where things reach among the glasses, rays depend on them and on how exactly they are met.
         known, accuracy = None, 0.0
         if not self._apart:
             known, accuracy = Known(self.things, self.through), grain(self.boxes)
@@ -236,9 +236,7 @@ class Follower:
         origins, directions = self.view.rays(x, y)
         return np.array(origins), np.array(directions)
 
-    def _traced(
-        self, pixels: np.ndarray, places: np.ndarray, least: float, keep: bool
-    ) -> Block:
+    def _traced(self, pixels: np.ndarray, places: np.ndarray, least: float, keep: bool) -> Block:
         """What rays do, up to the things that they meet if these reach among the glasses."""
         things = not self._apart
         origins, directions = self._rays(pixels, places)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...optics.exit_rays import meets_boxes
@@ -27,7 +25,7 @@ class Known:
         self.corners = things.points[things.triangles]
         looks = zip(things.owners, things.looks, strict=True)
         kind = np.array([hash((owner, look.is_lamp)) for owner, look in looks], np.int64)
-        seen = 0 if counts is None else counts.astype(np.int64)
+        seen = 1 if counts is None else counts.astype(np.int64)
         code = kind[things.surface].view(np.uint64)
         for part in (np.broadcast_to(seen, len(code)), *_bits(self.corners)):
             code = fold(code, part)
@@ -66,9 +64,7 @@ def _boxes(corners: np.ndarray) -> np.ndarray:
     return np.array([(run.min(axis=(0, 1)), run.max(axis=(0, 1))) for run in runs])
 
 
-def touched(
-    boxes: np.ndarray, margin: float, begin: np.ndarray, stretch: np.ndarray
-) -> np.ndarray:
+def touched(boxes: np.ndarray, margin: float, begin: np.ndarray, stretch: np.ndarray) -> np.ndarray:
     """(S,) which stretches come into a box (B, 2, 3).
 
     Parameters
