@@ -346,13 +346,8 @@ class _Followed:
         some = np.arange(len(live))
         if self.mesh_boxes is not None:
             inside = (live.medium[self.meshes] > 0).any(axis=0)
-            inside |= meets_boxes(
-                self.mesh_boxes,
-                _margin(self.mesh_boxes),
-                live.place,
-                live.direction,
-                np.full(len(live), np.inf),
-            )
+            endless = np.full(len(live), np.inf)
+            inside |= near_boxes(self.mesh_boxes, live.place, live.direction, endless)
             some = np.flatnonzero(inside)
         if not len(some):
             return []
@@ -387,8 +382,7 @@ class _Followed:
             return free
         some = slice(None)
         if self.things is not None:
-            margin = _margin(self.things)
-            some = np.flatnonzero(meets_boxes(self.things, margin, live.place, live.direction, far))
+            some = np.flatnonzero(near_boxes(self.things, live.place, live.direction, far))
             if not len(some):
                 return free
         aside, along = columns(live.aside, some), columns(live.direction, some)
@@ -693,9 +687,10 @@ GRAIN = 2.0**-22
 2.0e-7 over edges of 0.3 to 3,000 m)."""
 
 
-def _margin(boxes: Floats) -> Floats:
-    """Metres (B,) about boxes within which rounding may put what is in them."""
-    return TOUCHING * np.abs(boxes).max(axis=(1, 2)) + grain(boxes)
+def near_boxes(boxes: Floats, places: Floats, directions: Floats, way: Floats) -> NDArray[np.bool_]:
+    """`meets_boxes` of boxes that are larger by what rounding may do to what is in them."""
+    margin = TOUCHING * np.abs(boxes).max(axis=(1, 2)) + grain(boxes)
+    return meets_boxes(boxes, margin, places, directions, way)
 
 
 def meets_boxes(

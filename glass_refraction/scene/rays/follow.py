@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import optics
-from ...optics.exit_rays import TOUCHING, grain
+from ...optics.exit_rays import TOUCHING, grain, near_boxes
 from ..memory import counters
 from ..progress import check
 from ..read.viewpoint import Viewpoint
@@ -96,12 +96,13 @@ class Block(NamedTuple):
         if len(boxes):
             begin, end = self.passed.ends[:, 0], self.passed.ends[:, 1]
             margin += NEAR * np.abs(begin).max(initial=0.0)
-            stale.append(self.passed.ray[touched(boxes, margin, begin, end - begin)])
-            begin, ways = self.ways.origin, self.ways
-            bounds = np.concatenate((boxes.reshape(-1, 3), begin))
+            stale.append(self.passed.ray[touched(boxes, margin, begin, end)])
+            ways = self.ways
+            bounds = np.concatenate((boxes.reshape(-1, 3), ways.origin))
             # What ends nowhere ends beyond all boxes.
             way = np.minimum(ways.distance, np.linalg.norm(np.ptp(bounds, axis=0)))
-            stale.append(ways.ray[touched(boxes, margin, begin, way[:, None] * ways.direction)])
+            end = ways.origin + way[:, None] * ways.direction
+            stale.append(ways.ray[touched(boxes, margin, ways.origin, end)])
             pixels = np.unique(np.concatenate(stale) // count)
             block = self.of(np.delete(self.pixels, pixels), count)
         triangle = block.ways.triangle
@@ -311,8 +312,11 @@ class Follower:
         if len(rays):
             origins, directions = self._rays(pixels, places)
             origins, directions = origins[rays], _unit(directions[rays])
-            distance, _ = self.caster.cast(origins, directions)
-            seen[rays] = distance >= self._entry(origins, directions)
+            entry = self._entry(origins, directions)
+            # Before the others there is not even a thing's box.
+            near = np.flatnonzero(near_boxes(self.boxes, origins.T, directions.T, entry))
+            distance, _ = self.caster.cast(origins[near], directions[near])
+            seen[rays[near]] = distance >= entry[near]
         return seen
 
     def _ended(self, ways: Ways) -> Ways:

@@ -40,6 +40,7 @@ from .hits import (
     Scene,
     Views,
     blocks_of,
+    judged,
     place_captures,
     place_skies,
     show,
@@ -274,11 +275,12 @@ def _followed(
     most = min(frame.captures, room.captures)
     beside = neighbours(coarse, view.size)
     tell("placing cameras for what else is seen in the glass")
+    rows = judged(len(coarse.ways))
     captures = place_captures(
         scene,
         direct,
-        coarse.ways,
-        spacing(coarse, beside),
+        coarse.ways.take(rows),
+        spacing(coarse.ways, beside, rows),
         most,
         frame.aspect,
         NEAREST * scale,

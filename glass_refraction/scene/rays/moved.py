@@ -64,19 +64,17 @@ def _boxes(corners: np.ndarray) -> np.ndarray:
     return np.array([(run.min(axis=(0, 1)), run.max(axis=(0, 1))) for run in runs])
 
 
-def touched(boxes: np.ndarray, margin: float, begin: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    """(S,) which stretches come into a box (B, 2, 3).
+def touched(boxes: np.ndarray, margin: float, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(S,) which stretches, from begin to end (S, 3), come into a box (B, 2, 3), B ≥ 1.
 
-    Parameters
-    ----------
-    margin : metres by which boxes are larger, B ≥ 1.
-    begin, stretch : (S, 3) where each begins, and from there to its end.
+    ``margin``: metres by which boxes are larger.
     """
-    found = np.zeros(len(begin), bool)
-    some = np.arange(len(begin))
-    whole = np.array([(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))])
-    for part in (whole, boxes):
-        place, along = (np.ascontiguousarray(x[some].T, float) for x in (begin, stretch))
-        some = some[meets_boxes(part, margin, place, along, np.ones(len(some)))]
-    found[some] = True
+    found, some = np.zeros(len(begin), bool), np.arange(len(begin))
+    # Most lie beside all of them.
+    for axis in range(3):
+        a, b = begin[some, axis], end[some, axis]
+        low, high = boxes[:, 0, axis].min() - margin, boxes[:, 1, axis].max() + margin
+        some = some[(np.minimum(a, b) <= high) & (np.maximum(a, b) >= low)]
+    begin, end = (np.ascontiguousarray(part[some].T, float) for part in (begin, end))
+    found[some] = meets_boxes(boxes, margin, begin, end - begin, np.ones(len(some)))
     return found

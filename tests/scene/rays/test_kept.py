@@ -215,7 +215,7 @@ def test_stretches_touch_boxes_as_places_along_them_tell():
     end[:300, 0] = begin[:300, 0]
     end[300:400] = begin[300:400]
     margin = 0.05
-    found = touched(boxes, margin, begin, end - begin)
+    found = touched(boxes, margin, begin, end)
     steps = np.linspace(0, 1, 400)[:, None, None]
     for sign in (-1.0, 1.0):
         # Boxes a little smaller and a little larger than they are.
