@@ -69,47 +69,62 @@ class Block(NamedTuple):
         """How much it holds, in ways; four stretches take as much as one."""
         return len(self.ways) + len(self.passed) // 4
 
-    def of(self, pixels: np.ndarray, count: int) -> Block:
-        """What it has of some of its pixels; it has ``count`` rays in each."""
-        if len(pixels) == len(self.pixels):
-            return self
-        chosen = np.searchsorted(self.pixels, pixels)
-        number = np.full(len(self.pixels), -1, np.int32)
-        number[chosen] = np.arange(len(pixels))
-        parts = []
-        for part in (self.ways, self.passed):
-            pixel, ray = np.divmod(part.ray, count)
-            rows = np.flatnonzero(number[pixel] >= 0)
-            parts.append(replace(part.take(rows), ray=number[pixel[rows]] * count + ray[rows]))
-        return Block(pixels, parts[0], self.lost.reshape(-1, count)[chosen].ravel(), parts[1])
+    def rows_of(self, ray: np.ndarray, pixels: np.ndarray, count: int) -> tuple:
+        """Which of its rows, of which rays (K,), are of some of its pixels; their rays among these.
 
-    def still(self, boxes: np.ndarray, number: np.ndarray, margin: float) -> Block:
-        """What it has of those pixels of which no ray comes into boxes (B, 2, 3) of what moved.
+        It has ``count`` rays in each pixel.
+        """
+        if len(pixels) == len(self.pixels):
+            return np.arange(len(ray)), ray
+        number = np.full(len(self.pixels), -1, np.int32)
+        number[np.searchsorted(self.pixels, pixels)] = np.arange(len(pixels))
+        pixel, ray = np.divmod(ray, count)
+        rows = np.flatnonzero(number[pixel] >= 0)
+        return rows, number[pixel[rows]] * count + ray[rows]
+
+    def lost_of(self, pixels: np.ndarray, count: int) -> np.ndarray:
+        """The light that is lost of each ray in some of its pixels."""
+        lost = self.lost.reshape(-1, count)
+        return lost[np.searchsorted(self.pixels, pixels)].ravel()
+
+    def still(self, boxes: np.ndarray, number: np.ndarray, margin: float, apart: bool) -> Block:
+        """What it has that no thing changed which moved in boxes (B, 2, 3).
+
+        Where things stay apart from the glasses, ways must be looked at again that pass there; else
+        whole pixels must, as soon as one of their rays passes there.
 
         Parameters
         ----------
         number : (T,) of what rays met before, as it is now.
         margin : metres within which things matter, beside rounding.
         """
-        count = len(self.lost) // len(self.pixels)
-        block, stale = self, [np.zeros(0, np.int32)]
-        if len(boxes):
-            begin, end = self.passed.ends[:, 0], self.passed.ends[:, 1]
-            margin += NEAR * np.abs(begin).max(initial=0.0)
-            stale.append(self.passed.ray[touched(boxes, margin, begin, end)])
-            ways = self.ways
-            bounds = np.concatenate((boxes.reshape(-1, 3), ways.origin))
-            # What ends nowhere ends beyond all boxes.
-            way = np.minimum(ways.distance, np.linalg.norm(np.ptp(bounds, axis=0)))
-            end = ways.origin + way[:, None] * ways.direction
-            stale.append(ways.ray[touched(boxes, margin, ways.origin, end)])
-            pixels = np.unique(np.concatenate(stale) // count)
-            block = self.of(np.delete(self.pixels, pixels), count)
-        triangle = block.ways.triangle
-        met = np.flatnonzero(triangle >= 0)
-        ways = replace(block.ways, triangle=triangle.copy())
-        ways.triangle[met] = number[triangle[met]]
-        return block._replace(ways=ways)
+        count, passed = len(self.lost) // len(self.pixels), self.passed
+        ways = replace(
+            self.ways, distance=self.ways.distance.copy(), triangle=self.ways.triangle.copy()
+        )
+        met = np.flatnonzero(ways.triangle >= 0)
+        ways.triangle[met] = number[ways.triangle[met]]
+        block = self._replace(ways=ways)
+        if not (len(boxes) and len(ways)):
+            return block
+        margin += NEAR * np.abs(ways.origin).max()
+        # What ends nowhere ends beyond all boxes.
+        bounds = np.concatenate((boxes.reshape(-1, 3), ways.origin))
+        way = np.minimum(ways.distance, np.linalg.norm(np.ptp(bounds, axis=0)))
+        end = ways.origin + way[:, None] * ways.direction
+        again = touched(boxes, margin, ways.origin, end)
+        if apart:
+            ways.distance[again] = np.nan
+            return block
+        margin += NEAR * np.abs(passed.ends[:, 0]).max(initial=0.0)
+        also = touched(boxes, margin, passed.ends[:, 0], passed.ends[:, 1])
+        stale = np.unique(np.concatenate((ways.ray[again], passed.ray[also])) // count)
+        pixels = np.delete(self.pixels, stale)
+        parts = []
+        for part in (ways, passed):
+            rows, ray = self.rows_of(part.ray, pixels, count)
+            parts.append(replace(part.take(rows), ray=ray))
+        return Block(pixels, parts[0], self.lost_of(pixels, count), parts[1])
 
 
 @dataclass
@@ -119,7 +134,7 @@ class Kept:
     Attributes
     ----------
     eye : stamp of where rays begin. glasses : stamps of these and of how they are followed.
-    known : what rays met; None if they were followed without looking for things.
+    known : what rays met.
     parts : least weight and places -> blocks one behind another in the picture.
     """
 
@@ -128,20 +143,24 @@ class Kept:
     known: Known | None = None
     parts: dict[tuple[float, bytes], list[Block]] = field(default_factory=dict)
 
-    def match(self, eye: tuple, glasses: tuple, known: Known | None, margin: float) -> None:
+    def match(self, eye: tuple, glasses: tuple, known: Known, margin: float, apart: bool) -> None:
         """Forget what was found for another eye, other glasses and where things moved.
 
-        ``margin``: metres within which a thing matters to a ray.
+        Parameters
+        ----------
+        margin : metres within which a thing matters to a ray.
+        apart : whether things stay apart from the glasses.
         """
         old, self.known = self.known, known
-        if (eye, glasses) != (self.eye, self.glasses) or (old is None) != (known is None):
+        glasses = (*glasses, apart)
+        if (eye, glasses) != (self.eye, self.glasses):
             self.eye, self.glasses = eye, glasses
             self.parts.clear()
-        if not (known and self.parts):
+        if not self.parts:
             return
         boxes, number = old.moved_to(known)
         for key, blocks in self.parts.items():
-            left = (block.still(boxes, number, margin) for block in blocks)
+            left = (block.still(boxes, number, margin, apart) for block in blocks)
             self.parts[key] = [block for block in left if len(block.pixels)]
 
     @property
@@ -182,12 +201,15 @@ class Follower:
         self._skin = CONTACT * float(np.linalg.norm(high - low))
         inside = (self.boxes[:, 0] < high - self._skin) & (self.boxes[:, 1] > low + self._skin)
         self._apart = not inside.all(axis=1).any()
-        # Where things reach among the glasses, rays depend on them and on how exactly they are met.
-        known, accuracy = None, 0.0
-        if not self._apart:
-            known, accuracy = Known(self.things, self.through), grain(self.boxes)
-        stamp = (*self.stamp, accuracy)
-        self.kept.match(self.view.stamp(), stamp, known, self._skin + 4.0 * accuracy)
+        # Where things reach among the glasses, rays depend on how exactly they are met.
+        accuracy = 0.0 if self._apart else grain(self.boxes)
+        self.kept.match(
+            self.view.stamp(),
+            (*self.stamp, accuracy),
+            Known(self.things, self.through),
+            2.0 * self._skin + 4.0 * accuracy,
+            self._apart,
+        )
         placed = [glass for _, glasses in self.bands for glass in glasses]
         self.rough = any(glass.roughness for glass in placed)
         self.only_meshes = all(glass.is_mesh for glass in placed)
@@ -222,9 +244,15 @@ class Follower:
             whole = self._whole(part, places, least, old, keep=room > 0)
             room -= whole.size
             kept = [*kept, whole] if len(whole.pixels) and room >= 0 else []
-            ways, lost = self._of_kept(whole, part, places)
-            ways, lost = unsettled(ways, lost, part, len(places), settled)
-            yield part, self._ended(ways) if self._apart else ways, lost
+            rows, ray = whole.rows_of(whole.ways.ray, part, len(places))
+            lost = whole.lost_of(part, len(places))
+            if self._apart:
+                seen = self._unhidden(ray, part, places)
+                rows, ray, lost = rows[seen[ray]], ray[seen[ray]], lost * seen
+            some = unsettled(whole.ways, rows, ray, lost, part, settled)
+            if self._apart:
+                self._end(whole.ways, rows[some])
+            yield part, replace(whole.ways.take(rows[some]), ray=ray[some]), lost
         if kept:
             self.kept.parts[key] = kept
 
@@ -263,6 +291,8 @@ class Follower:
             share = float(np.mean(colour))
             met = np.flatnonzero(ends.events > 0)
             weight = ends.weight[met]
+            # Apart from the glasses, things are looked for where it is needed.
+            distance = ends.distance[met] if things else np.full(len(met), np.nan)
             lost += ends.lost * share
             parts.append(
                 Ways(
@@ -272,7 +302,7 @@ class Follower:
                     weight[:, None] * np.exp(-ends.depth[met]) * colour,
                     ends.origin[met],
                     ends.direction[met],
-                    ends.distance[met],
+                    distance,
                     ends.thing[met].astype(np.int32),
                     ends.events[met].astype(np.int16),
                     ends.rough[met],
@@ -294,20 +324,10 @@ class Follower:
             return old
         return _merged(old, self._traced(new, places, least, keep), len(places))
 
-    def _of_kept(
-        self, kept: Block, pixels: np.ndarray, places: np.ndarray
-    ) -> tuple[Ways, np.ndarray]:
-        """The ways of some pixels of a block that no thing hides from the eye, and lost light."""
-        some = kept._replace(passed=NOTHING_PASSED).of(pixels, len(places))
-        if not self._apart:
-            return some.ways, some.lost
-        seen = self._unhidden(some.ways, pixels, places)
-        return some.ways.take(np.flatnonzero(seen[some.ways.ray])), some.lost * seen
-
-    def _unhidden(self, ways: Ways, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """(N · P,) which rays that have ways meet no thing before the glasses."""
+    def _unhidden(self, ray: np.ndarray, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """(N · P,) which rays, of those (K,) that have ways, meet no thing before the glasses."""
         seen = np.zeros(len(pixels) * len(places), bool)
-        seen[ways.ray] = True
+        seen[ray] = True
         rays = np.flatnonzero(seen)
         if len(rays):
             origins, directions = self._rays(pixels, places)
@@ -319,15 +339,16 @@ class Follower:
             seen[rays[near]] = distance >= entry[near]
         return seen
 
-    def _ended(self, ways: Ways) -> Ways:
-        """The ways up to the things that they meet."""
-        if not len(ways):
-            return ways
-        # From a little before: a thing that touches the glass there is seen through a film of air.
-        begin = ways.origin - self._skin * ways.direction
-        distance, triangle = self._cast_through(begin, ways.direction)
-        distance = np.maximum(distance - self._skin, 0.0)
-        return replace(ways, distance=distance, triangle=triangle.astype(np.int32))
+    def _end(self, ways: Ways, rows: np.ndarray) -> None:
+        """Let some ways end at the things that they meet, if that is not known yet."""
+        rows = rows[np.isnan(ways.distance[rows])]
+        if len(rows):
+            direction = ways.direction[rows]
+            # From a little before: what touches the glass there is seen through a film of air.
+            begin = ways.origin[rows] - self._skin * direction
+            distance, triangle = self._cast_through(begin, direction)
+            ways.distance[rows] = np.maximum(distance - self._skin, 0.0)
+            ways.triangle[rows] = triangle
 
     def _cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What rays meet; those that come from the eye have passed no glass and meet all things."""
@@ -368,22 +389,28 @@ def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def unsettled(
-    ways: Ways, lost: np.ndarray, pixels: np.ndarray, count: int, settled: np.ndarray | None
-) -> tuple[Ways, np.ndarray]:
-    """The ways that are not settled; the light of the others counts as lost.
+    ways: Ways,
+    rows: np.ndarray,
+    ray: np.ndarray,
+    lost: np.ndarray,
+    pixels: np.ndarray,
+    settled: np.ndarray | None,
+) -> np.ndarray:
+    """Numbers of those ways, of some rows (K,), that are not settled; the others' light is lost.
 
     Parameters
     ----------
-    ways, lost : of ``count`` rays in each pixel (N,). settled : sorted `way_codes`, or None.
+    ray : (K,) their rays, of which there are as many in each pixel (N,).
+    lost : of these rays; it is changed. settled : sorted `way_codes`, or None.
     """
     check()
     if settled is None or not len(settled):
-        return ways, lost
-    codes = way_codes(pixels[ways.ray // count], ways.path)
+        return np.arange(len(rows))
+    codes = way_codes(pixels[ray // (len(lost) // max(1, len(pixels)))], ways.path[rows])
     at = np.minimum(np.searchsorted(settled, codes), len(settled) - 1)
     known = settled[at] == codes
-    lost = lost + np.bincount(ways.ray[known], ways.weight[known], len(lost))
-    return ways.take(np.flatnonzero(~known)), lost
+    lost += np.bincount(ray[known], ways.weight[rows[known]], len(lost))
+    return np.flatnonzero(~known)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -7,9 +7,10 @@ import numpy as np
 
 from ...optics.exit_rays import meets_boxes
 from ...optics.facets import fold
+from ...optics.vectors import columns
 from .things import Things
 
-BOXES = 16
+BOXES = 8
 """Boxes in which all that moved lies: more would fit it better and take longer to look through."""
 
 
@@ -39,14 +40,16 @@ class Known:
         boxes : (B, 2, 3) round all triangles that only one of both has.
         number : (T,) of each triangle in the other frame, −1 where it has none that is the same.
         """
-        order = np.argsort(other._code, kind="stable")
-        there = other._code[order]
-        at = np.minimum(np.searchsorted(there, self._code), max(len(there) - 1, 0))
-        same = there[at] == self._code if len(there) else np.zeros(len(self._code), bool)
-        number = np.full(len(same), -1, np.int32)
-        number[same] = order[at[same]]
-        new = ~np.isin(other._code, self._code)
-        return _boxes(np.concatenate((self.corners[~same], other.corners[new]))), number
+        number, new = _places(self._code, other._code), _places(other._code, self._code) < 0
+        return _boxes(np.concatenate((self.corners[number < 0], other.corners[new]))), number
+
+
+def _places(codes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(T,) where each code is among others, −1 where it is not."""
+    order = np.argsort(others, kind="stable")
+    at = np.minimum(np.searchsorted(others, codes, sorter=order), len(others) - 1)
+    found = order[at] if len(others) else np.full(len(codes), -1)
+    return np.where(others[found] == codes, found, -1) if len(others) else found
 
 
 def _bits(corners: np.ndarray) -> np.ndarray:
@@ -69,12 +72,18 @@ def touched(boxes: np.ndarray, margin: float, begin: np.ndarray, end: np.ndarray
 
     ``margin``: metres by which boxes are larger.
     """
-    found, some = np.zeros(len(begin), bool), np.arange(len(begin))
+    found, some = np.zeros(len(begin), bool), slice(None)
     # Most lie beside all of them.
     for axis in range(3):
         a, b = begin[some, axis], end[some, axis]
         low, high = boxes[:, 0, axis].min() - margin, boxes[:, 1, axis].max() + margin
-        some = some[(np.minimum(a, b) <= high) & (np.maximum(a, b) >= low)]
-    begin, end = (np.ascontiguousarray(part[some].T, float) for part in (begin, end))
-    found[some] = meets_boxes(boxes, margin, begin, end - begin, np.ones(len(some)))
+        near = np.flatnonzero((np.minimum(a, b) <= high) & (np.maximum(a, b) >= low))
+        some = near if axis == 0 else some[near]
+    place, along = (np.ascontiguousarray(part[some].T, float) for part in (begin, end))
+    along -= place
+    for box in boxes:
+        met = meets_boxes(box[None], margin, place, along, np.ones(len(some)))
+        found[some[met]] = True
+        left = np.flatnonzero(~met)
+        some, place, along = some[left], columns(place, left), columns(along, left)
     return found

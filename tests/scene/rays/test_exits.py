@@ -69,7 +69,9 @@ class Following:
         pixel = np.repeat(pixels, len(places))
         x, y = np.tile(places, (len(pixels), 1)).T
         rays = self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y)
-        yield pixels, *unsettled(*self._follow(*rays), pixels, len(places), settled)
+        ways, lost = self._follow(*rays)
+        rows = np.arange(len(ways))
+        yield pixels, ways.take(unsettled(ways, rows, ways.ray, lost, pixels, settled)), lost
 
 
 def straight(origins, directions):

@@ -142,12 +142,14 @@ HAPPENS = {
     _is_not_seen_through_the_glass: 1.0,
     _glass_moves: 1.0,
 }
-"""What happens in a frame, and the part of all rays that is followed for it at most."""
+"""What happens in a frame, and the part of all rays that is followed for it at most, with a cube in
+the bowl."""
 
 
+@pytest.mark.parametrize("inside", [True, False], ids=["in the bowl", "behind it"])
 @pytest.mark.parametrize("happens", HAPPENS, ids=lambda f: f.__name__.strip("_"))
-def test_a_frame_after_others_is_the_frame_alone(monkeypatch, happens):
-    scene, cube = _bowl()
+def test_a_frame_after_others_is_the_frame_alone(monkeypatch, happens, inside):
+    scene, cube = _bowl(inside)
     door.prepare(scene, scene_depsgraph(scene), strict=True)
     first, _ = _computed(scene, monkeypatch)
     happens(scene, cube)
@@ -157,8 +159,29 @@ def test_a_frame_after_others_is_the_frame_alone(monkeypatch, happens):
     for pictures, _ in found:
         _same(pictures, alone)
     # The first followed what it must, the second nothing.
-    assert found[0][1] <= HAPPENS[happens] * rays and found[1][1] == 0
-    assert any(not np.array_equal(a, b) for a, b in zip(first, alone, strict=True))
+    most = HAPPENS[happens] if inside else 1.0
+    assert found[0][1] <= most * rays and found[1][1] == 0
+    assert not inside or any(not np.array_equal(a, b) for a, b in zip(first, alone, strict=True))
+
+
+def test_hits_that_no_moved_thing_changed_are_known(monkeypatch):
+    scene, cube = _bowl(inside=False)
+    door.prepare(scene, scene_depsgraph(scene), strict=True)
+    looked = []
+
+    def end(self, ways, rows, end=follow.Follower._end):
+        before = counters["cast_rays"]
+        end(self, ways, rows)
+        looked.append(counters["cast_rays"] - before)
+
+    monkeypatch.setattr(follow.Follower, "_end", end)
+    cast = []
+    for step in (0.0, 0.003, 0.0):
+        cube.delta_location.x += step
+        _computed(scene, monkeypatch)
+        cast.append(sum(looked))
+        looked.clear()
+    assert 0 < cast[1] < 0.3 * cast[0] and cast[2] == 0
 
 
 def test_no_more_is_kept_than_there_is_room_for(monkeypatch):
