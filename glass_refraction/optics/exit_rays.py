@@ -279,10 +279,12 @@ class _Followed:
         """Note the stretches of rays up to their next interface."""
         # A ray that is lost by rounding sees what may come to be there, however far.
         some = np.flatnonzero(np.isfinite(met.way) | met.leaked)
-        place, way = columns(live.place, some), np.minimum(met.way[some], HORIZON)
-        ends = place + way * columns(live.direction, some)
+        way = np.minimum(met.way[some], HORIZON)
         stretch = np.empty((len(some), 2, 3), np.float32)
-        stretch[:, 0], stretch[:, 1] = place.T, ends.T
+        for axis in range(3):
+            place = live.place[axis].take(some)
+            stretch[:, 0, axis] = place
+            stretch[:, 1, axis] = place + way * live.direction[axis].take(some)
         self.passed.append((live.ray[some].astype(np.int32), stretch))
 
     def touching(self, place: Floats, way: Floats) -> Floats:

@@ -52,9 +52,6 @@ class Passed(Columns):
     ends: np.ndarray
 
 
-NOTHING_PASSED = Passed(np.zeros(0, np.int32), np.zeros((0, 2, 3), np.float32))
-
-
 class Block(NamedTuple):
     """Pixels (N,), numbers rising, the ways of as many rays in each, pixel by pixel, of each ray
     the part of its light that is not in them, and what it passed if things matter there."""
@@ -270,7 +267,7 @@ class Follower:
         things = not self._apart
         origins, directions = self._rays(pixels, places)
         counters["exit_rays"] += len(origins)
-        parts, passed, lost = [], [NOTHING_PASSED], np.zeros(len(origins))
+        parts, passed, lost = [], [], np.zeros(len(origins))
         for number, (colour, placed) in enumerate(self.bands):
             ends = optics.exit_rays(
                 placed,
@@ -308,7 +305,12 @@ class Follower:
                     ends.rough[met],
                 )
             )
-        return Block(pixels, joined(Ways, parts), lost, joined(Passed, passed))
+        # What there is of one band only is large enough not to be copied.
+        ways, passed = (
+            some[0] if len(some) == 1 else joined(kind, some)
+            for kind, some in ((Ways, parts), (Passed, passed))
+        )
+        return Block(pixels, ways, lost, passed)
 
     def _whole(
         self, pixels: np.ndarray, places: np.ndarray, least: float, old: Block | None, keep: bool
