@@ -35,9 +35,10 @@ STAGES = {
     "reading": ((true, "_read"),),
     "exit rays": (
         (frame, "centre_rays"),
-        (Follower, "_traced"),
-        (Follower, "_of_kept"),
-        (Follower, "_ended"),
+        (frame, "_follower"),
+        (Follower, "_whole"),
+        (Follower, "_unhidden"),
+        (Follower, "_end"),
     ),
     "casts": ((Caster, "aim"), (Caster, "cast")),
     "views": (

@@ -24,7 +24,7 @@ from .laws import reflectance_and_cosine
 from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, surface_depths
 from .profiles import Profile
 from .solver import in_blocks
-from .surfaces import Floats, Rays
+from .surfaces import HORIZON, Floats, Rays
 from .vectors import LEAST, against, columns, dot, refracted, rotated, units
 
 TOUCHING = 2.0**-21
@@ -73,6 +73,10 @@ class ExitRays:
         1. All of it for a ray that is none (not finite, or without a direction).
     steps : int
         Steps taken, each with at most one call of `cast` and of `meet`.
+    passed_ray, passed : (S,) int32 and (S, 2, 3) float32
+        Begin and end of each stretch of a ray up to an interface, in the world; none unless
+        `stretches` are asked for. What a ray brings depends on things along these and its exit
+        rays only.
     """
 
     ray: NDArray[np.intp]
@@ -87,6 +91,8 @@ class ExitRays:
     path: NDArray[np.int64]
     lost: Floats
     steps: int
+    passed_ray: NDArray[np.int32]
+    passed: NDArray[np.float32]
 
 
 MIRRORED = np.uint64(1)
@@ -180,10 +186,12 @@ class _Followed:
     pixel: NDArray[np.int64]
     sample: NDArray[np.int64]
     between: Callable[[], None]
+    stretches: bool
     media: Media = field(init=False)
     meshes: list[int] = field(init=False)
     alpha: Floats = field(init=False)
     rows: list[tuple[_Live, Floats]] = field(default_factory=list)
+    passed: list[tuple[NDArray, NDArray]] = field(default_factory=list)
     steps: int = 0
 
     def __post_init__(self) -> None:
@@ -199,9 +207,9 @@ class _Followed:
         self.mesh_boxes = None
         if boxes and not any(box is None for box in boxes):
             self.mesh_boxes = np.asarray(boxes, dtype=float)
-        self.grain = _grain(self.mesh_boxes)
+        self.grain = grain(self.mesh_boxes)
         if self.accuracy is None:
-            self.accuracy = _grain(self.things)
+            self.accuracy = grain(self.things)
         if self.meshes and self.ask is None:
             raise ValueError("meet must tell where the glasses are that are meshes, not None")
 
@@ -241,6 +249,8 @@ class _Followed:
         self.steps += 1
         met = self.meet(live)
         finite = np.isfinite(met.way)
+        if self.stretches:
+            self._note(live, met)
         near = self.touching(live.place, np.where(finite, met.way, 0.0))
         contact = near + 2.0 * self.accuracy
         free = self.look(live, met.way + contact)
@@ -261,7 +271,21 @@ class _Followed:
         lift = np.where(touched, CLEARANCE * contact[on], 0.0)
         if len(on) < len(live):
             live, met, near = live.take(on), met.take(on), near[on]
+        if not len(live):
+            return live
         return self.split(live, met, near, lift, lost)
+
+    def _note(self, live: _Live, met: _Met) -> None:
+        """Note the stretches of rays up to their next interface."""
+        # A ray that is lost by rounding sees what may come to be there, however far.
+        some = np.flatnonzero(np.isfinite(met.way) | met.leaked)
+        way = np.minimum(met.way[some], HORIZON)
+        stretch = np.empty((len(some), 2, 3), np.float32)
+        for axis in range(3):
+            place = live.place[axis].take(some)
+            stretch[:, 0, axis] = place
+            stretch[:, 1, axis] = place + way * live.direction[axis].take(some)
+        self.passed.append((live.ray[some].astype(np.int32), stretch))
 
     def touching(self, place: Floats, way: Floats) -> Floats:
         """Metres (L,) along rays within which interfaces touch that are met after a way."""
@@ -324,7 +348,8 @@ class _Followed:
         some = np.arange(len(live))
         if self.mesh_boxes is not None:
             inside = (live.medium[self.meshes] > 0).any(axis=0)
-            inside |= _meets_boxes(self.mesh_boxes, live, np.full(len(live), np.inf))
+            endless = np.full(len(live), np.inf)
+            inside |= near_boxes(self.mesh_boxes, live.place, live.direction, endless)
             some = np.flatnonzero(inside)
         if not len(some):
             return []
@@ -359,7 +384,7 @@ class _Followed:
             return free
         some = slice(None)
         if self.things is not None:
-            some = np.flatnonzero(_meets_boxes(self.things, live, far))
+            some = np.flatnonzero(near_boxes(self.things, live.place, live.direction, far))
             if not len(some):
                 return free
         aside, along = columns(live.aside, some), columns(live.direction, some)
@@ -375,7 +400,7 @@ class _Followed:
         for things from that are reflected where one touches it; 0 where none does. Between thing
         and interface is a film of the medium behind it: what gets through sees the thing.
         """
-        children: dict[int, tuple[_Live, _Live, list[_Live], tuple]] = {}
+        children: dict[int, tuple] = {}
 
         def work(block: slice) -> None:
             self.between()
@@ -384,18 +409,19 @@ class _Followed:
             )
 
         in_blocks(work, len(live))
-        further = []
-        for _, (seen, dark, followed, dropped) in sorted(children.items()):
-            if len(seen):
-                self.rows.append((seen, np.zeros(len(seen))))
-            if len(dark):
-                self.rows.append((dark, np.full(len(dark), np.inf)))
-            further += followed
-            lost += np.bincount(*dropped, len(lost))
-        return _Live.join(further) if further else live
+        # One kind after another: the order of a ray's parts does not depend on the blocks.
+        blocks = (children[first] for first in sorted(children))
+        (*parts, stopped, turned_back) = zip(*blocks, strict=True)
+        seen, dark, through, off = map(_Live.join, parts)
+        self.rows += [(seen, np.zeros(len(seen))), (dark, np.full(len(dark), np.inf))]
+        for dropped in (stopped, turned_back):
+            rays, weights = (np.concatenate(part) for part in zip(*dropped, strict=True))
+            lost += np.bincount(rays, weights, len(lost))
+        return _Live.join((through, off))
 
-    def _split(self, live: _Live, met: _Met, near, lift) -> tuple[_Live, _Live, list, tuple]:
-        """Rays that see what touches, rays to follow, and (ray, weight) of what is dropped."""
+    def _split(self, live: _Live, met: _Met, near, lift) -> tuple:
+        """Rays that see what touches, that end black, that went through and that were reflected;
+        and (ray, weight) of what is dropped of either of the last."""
         live.place += met.way * live.direction
         crossing = self._crossing(live, met)
         if self.rough:
@@ -414,10 +440,7 @@ class _Followed:
         weights = live.weight * (1.0 - reflectance), live.weight * reflectance
         enough = [(weight > least) & (events <= self.most_events) for weight in weights]
         rest = [np.flatnonzero(~e & (w > 0.0)) for e, w in zip(enough, weights, strict=True)]
-        dropped = (
-            np.concatenate([live.ray[some] for some in rest]),
-            np.concatenate([w[some] for w, some in zip(weights, rest, strict=True)]),
-        )
+        dropped = [(live.ray[some], w[some]) for some, w in zip(rest, weights, strict=True)]
         on, back = (np.flatnonzero(part) for part in enough)
         turned = refracted(direction, normal, cosine, behind, eta)
         turned = np.where(straight, direction, turned)
@@ -445,12 +468,11 @@ class _Followed:
         seen, dark = (through.take(np.flatnonzero(which)) for which in (touches, ends))
         if len(seen) or len(dark):
             through = through.take(np.flatnonzero(~(touches | ends)))
-        further = [through, off]
         if not self.fresnel:
             # A surface that only refracts is black where it would reflect totally, as in Cycles.
-            further, dark = [through], _Live.join([dark, off])
+            dark, off = _Live.join([dark, off]), off.take(slice(0, 0))
         dark.depth = np.full_like(dark.depth, np.inf)
-        return seen, dark, further, dropped
+        return seen, dark, through, off, *dropped
 
     def _sunk(self, turned: Floats, flat: Floats, straight) -> NDArray[np.bool_]:
         """Which refracted rays (3, L) are behind the face; others end black, as in Cycles.
@@ -657,7 +679,7 @@ def _meetings(
     return found
 
 
-def _grain(boxes: Floats | None) -> float:
+def grain(boxes: Floats | None) -> float:
     """Metres by which float32 may be off the faces of things in boxes (B, 2, 3)."""
     return 0.0 if boxes is None or not len(boxes) else GRAIN * float(np.ptp(boxes, axis=1).max())
 
@@ -667,14 +689,25 @@ GRAIN = 2.0**-22
 2.0e-7 over edges of 0.3 to 3,000 m)."""
 
 
-def _meets_boxes(boxes: Floats, live: _Live, way: Floats) -> NDArray[np.bool_]:
-    """Which rays come into one of the boxes (B, 2, 3) within a way."""
+def near_boxes(boxes: Floats, places: Floats, directions: Floats, way: Floats) -> NDArray[np.bool_]:
+    """`meets_boxes` of boxes that are larger by what rounding may do to what is in them."""
+    margin = TOUCHING * np.abs(boxes).max(axis=(1, 2)) + grain(boxes)
+    return meets_boxes(boxes, margin, places, directions, way)
+
+
+def meets_boxes(
+    boxes: Floats, margin: ArrayLike, places: Floats, directions: Floats, way: Floats
+) -> NDArray[np.bool_]:
+    """Which rays (3, L) come into one of the boxes (B, 2, 3) within a way (L,).
+
+    `margin`: metres by which boxes are larger, one or (B,). The way counts in directions.
+    """
     found = np.zeros(len(way), dtype=bool)
-    margin = TOUCHING * np.abs(boxes).max(axis=(1, 2)) + _grain(boxes)
-    lows, highs = boxes[:, 0] - margin[:, None], boxes[:, 1] + margin[:, None]
+    margin = np.broadcast_to(margin, len(boxes))[:, None]
+    lows, highs = boxes[:, 0] - margin, boxes[:, 1] + margin
 
     def work(block: slice) -> None:
-        place, along, least = live.place[:, block], live.direction[:, block], way[block]
+        place, along, least = places[:, block], directions[:, block], way[block]
         # A direction of 0 is taken as one too small to matter.
         inverse = 1.0 / np.where(np.abs(along) < LEAST, LEAST, along)
         for low, high in zip(lows, highs, strict=True):
@@ -724,6 +757,7 @@ def exit_rays(
     pixel: ArrayLike | None = None,
     sample: ArrayLike | None = None,
     between: Callable[[], None] | None = None,
+    stretches: bool = False,
 ) -> ExitRays:
     """Follow rays through glasses along all ways that carry enough of the light.
 
@@ -763,6 +797,8 @@ def exit_rays(
     between
         Called before each step and each block of rays, perhaps in other threads; what it raises
         ends the call.
+    stretches
+        Whether the stretches of rays up to interfaces are told.
 
     Raises
     ------
@@ -792,6 +828,7 @@ def exit_rays(
         _integers("pixel", np.arange(total) if pixel is None else pixel, total),
         _integers("sample", np.zeros(total, int) if sample is None else sample, total),
         between or _go_on,
+        stretches,
     )
     lost = np.where(fit, 0.0, 1.0)
     live = followed.start(origins, unit, proper)
@@ -805,6 +842,11 @@ def exit_rays(
     ends, distance = ends.take(order), distance[order]
     # For one that ends black a thing behind the interface was looked for.
     thing = np.where(np.isfinite(distance), ends.thing, -1)
+    passed = [
+        (np.zeros(0, np.int32), np.zeros((0, 2, 3), np.float32)),
+        *followed.passed,
+    ]
+    passed_ray, passed = (np.concatenate(part) for part in zip(*passed, strict=True))
     depth = ends.depth if followed.dims else np.zeros((3, len(ends)))
     return ExitRays(
         ray=ends.ray,
@@ -819,4 +861,6 @@ def exit_rays(
         path=ends.path.view(np.int64),
         lost=lost,
         steps=followed.steps,
+        passed_ray=passed_ray,
+        passed=passed,
     )

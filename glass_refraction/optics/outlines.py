@@ -6,7 +6,7 @@ A grid knows both for whole cells, so that of many places few are held against a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -56,6 +56,25 @@ class Outline:
         reach = 0.5 * (1.0 + 1e-9) * float(np.hypot(*step))
         return np.maximum(distance - reach, 0.0), in_polygon(self.corners, x, y)
 
+    @cached_property
+    def _rows(self) -> tuple[Floats, ...]:
+        """Of each row of cells, the sides that reach into it: ax, ay, bx, by, each (most, CELLS).
+
+        Where there are fewer, a side without length stands in, which no line crosses.
+        """
+        low, step = self._box
+        sides = np.array(self.sides).reshape(-1, 4)
+        reach = np.sort(sides[:, 1::2], axis=1)
+        # Rows are taken as a little higher: a place on a row's edge may count to either.
+        first = np.clip(np.floor((reach[:, 0] - low[1]) / step[1] - 1e-6), 0, CELLS - 1)
+        last = np.clip(np.floor((reach[:, 1] - low[1]) / step[1] + 1e-6), 0, CELLS - 1)
+        row = np.arange(CELLS)
+        members = [sides[(first <= number) & (number <= last)] for number in row]
+        rows = np.zeros((max(map(len, members)), CELLS, 4))
+        for number, some in enumerate(members):
+            rows[: len(some), number] = some
+        return tuple(np.ascontiguousarray(part) for part in np.moveaxis(rows, -1, 0))
+
     @property
     def sides(self) -> tuple[tuple[tuple[float, float], tuple[float, float]], ...]:
         """Begin and end of each side."""
@@ -93,15 +112,25 @@ class Outline:
         first, second = self._beyond(x, y)
         inside = within[cell] & (np.maximum(first, second) <= 0.0)
         close = np.flatnonzero(clear[cell].ravel() <= 0.0)
-        inside.reshape(-1)[close] = in_polygon(self.corners, x.ravel()[close], y.ravel()[close])
+        row = cell.ravel()[close] % CELLS
+        sides = (tuple(part.take(row) for part in side) for side in zip(*self._rows, strict=True))
+        inside.reshape(-1)[close] = _odd(sides, x.ravel()[close], y.ravel()[close])
         return inside
 
 
 def in_polygon(corners: Sequence[tuple[float, float]], x, y) -> Flags:
     """Which places lie in a polygon, by how often a line towards +x crosses its sides."""
+    return _odd((a + b for a, b in zip(corners, (*corners[1:], corners[0]), strict=True)), x, y)
+
+
+def _odd(sides: Iterable[tuple], x, y) -> Flags:
+    """Whether a line from places towards +x crosses an odd number of sides (ax, ay, bx, by).
+
+    The sides' coordinates are numbers, or of each place its own.
+    """
     inside = np.zeros(np.shape(x), dtype=bool)
-    for (ax, ay), (bx, by) in zip(corners, (*corners[1:], corners[0]), strict=True):
-        if ay != by:
-            crosses = (ay <= y) != (by <= y)
-            inside ^= crosses & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
+    for ax, ay, bx, by in sides:
+        height = by - ay
+        slope = (bx - ax) / np.where(height != 0.0, height, 1.0)
+        inside ^= ((ay <= y) != (by <= y)) & (x < ax + (y - ay) * slope)
     return inside

@@ -255,7 +255,8 @@ class Profile:
             going = np.flatnonzero(~done)
             if not len(going):
                 break
-            if 2 * len(going) > len(done):
+            # Each stops by itself: its answer must not depend on the others.
+            if len(going) == len(done):
                 here = s, at
                 continue
             index, here = index[going], (s[going], at[going])

@@ -31,8 +31,8 @@ SKIN = 1e-12
 HORIZON = 1e9
 """Way in outer radii beyond which a plane is not met."""
 
-TOGETHER = 16_384
-"""Pairs of a ray and a face that are looked at together: their arrays fit a core's cache."""
+RUN = 8
+"""Faces of an outline side by side that a ray meets only if it comes into a circle round them."""
 
 GRAZING = 1e-7
 """Angle in radians, seen from the axis, that a patch keeps from grazing incidence."""
@@ -284,12 +284,21 @@ class Fence:
     high: float
 
     @cached_property
-    def _faces(self) -> tuple[Floats, ...]:
-        """Of each face, as columns (K, 1): begin, unit vector from there, and length."""
+    def _runs(self) -> list[tuple[int, tuple[Floats, ...], tuple[float, float, float]]]:
+        """Runs of faces: number of the first; of each face, as columns (K, 1), begin, unit vector
+        from there, and length; a circle (x, y, radius) round all of them."""
         begin, end = np.moveaxis(np.array(self.outline.sides), 1, 0)
         length = np.hypot(*(end - begin).T)
-        along = (end - begin) / length[:, None]
-        return tuple(part[:, None] for part in (*begin.T, *along.T, length))
+        faces = np.column_stack((begin, (end - begin) / length[:, None], length))
+        runs = []
+        for first in range(0, len(faces), RUN):
+            some = slice(first, first + RUN)
+            corners = np.concatenate((begin[some], end[some]))
+            middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+            radius = np.hypot(*(corners - middle).T).max()
+            columns = tuple(column[:, None] for column in faces[some].T)
+            runs.append((first, columns, (*middle.tolist(), float(radius))))
+        return runs
 
     def meet(
         self, rays: Rays, back: bool, limit: Floats
@@ -300,16 +309,25 @@ class Fence:
         """
         near = self._near(rays, limit)
         face, least = np.full(len(near), -1), limit[near]
-        most = max(1, TOGETHER // len(self.outline.corners))
-        for first in range(0, len(near), most):
-            some = slice(first, first + most)
-            face[some], least[some] = self._first(rays.take(near[some]), back, least[some])
+        rays = rays.take(near)
+        (x, y, _), (px, py, _) = rays.place, rays.momentum
+        across = np.hypot(px, py)
+        # As wide as faces are taken to be, and more for rounding.
+        skin = 4.0 * SKIN * (1.0 + np.abs(x) + np.abs(y))
+        for first, faces, (cx, cy, radius) in self._runs:
+            apart = np.abs((cx - x) * py - (cy - y) * px)
+            some = np.flatnonzero(apart <= (radius + skin) * across)
+            found, way = self._first(faces, rays.take(some), back, least[some])
+            met = np.flatnonzero(found >= 0)
+            face[some[met]], least[some[met]] = first + found[met], way[met]
         met = face >= 0
         return near[met], face[met], least[met]
 
-    def _first(self, rays: Rays, back: bool, limit: Floats) -> tuple[NDArray[np.intp], Floats]:
+    def _first(
+        self, faces: tuple[Floats, ...], rays: Rays, back: bool, limit: Floats
+    ) -> tuple[NDArray[np.intp], Floats]:
         """The face that each ray meets first, -1 for none within its limit, and the way there."""
-        bx, by, ax, ay, length = self._faces
+        bx, by, ax, ay, length = faces
         x, y, z = rays.place
         px, py, pz = rays.momentum
         outward = px * ay - py * ax

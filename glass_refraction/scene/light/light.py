@@ -102,7 +102,6 @@ def light_maps(
         tell(f'following the light of "{emitter.name}"')
         grid = grids(emitter, boxes, settings.rays, back)
         known = kept.lamps.setdefault(emitter.name, Kept())
-        known.match(grid.stamp(), follower.kept.glasses)
         of_lamp = replace(follower, view=grid, caster=caster, kept=known, through=None)
         landed = follow_light(emitter, grid, scene, of_lamp, settings.softness, reach)
         for number, one in seen.items():

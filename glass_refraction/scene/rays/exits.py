@@ -283,15 +283,14 @@ def neighbours(rays: PictureRays, size: tuple[int, int]) -> Neighbours:
     return Neighbours(pixel, (ahead_x, ahead_y), (behind_x, behind_y), tuple(inner))
 
 
-def spacing(rays: PictureRays, beside: Neighbours) -> np.ndarray:
-    """(K,) metres between the hits of ways in neighbouring pixels, the lesser of both axes."""
-    points = rays.ways.point
-    found = np.full(len(points), np.inf)
-    for partners in (beside.ahead, beside.behind):
-        for partner in partners:
-            there = np.flatnonzero(partner >= 0)
-            apart = np.linalg.norm(points[there] - points[partner[there]], axis=1)
-            found[there] = np.minimum(found[there], apart)
+def spacing(ways: Ways, beside: Neighbours, rows: np.ndarray) -> np.ndarray:
+    """(n,) metres from the hits of some ways, by their numbers (n,), to the nearest of the same
+    ways in neighbouring pixels."""
+    found, points = np.full(len(rows), np.inf), ways.take(rows).point
+    for partner in (*beside.ahead, *beside.behind):
+        there = np.flatnonzero(partner[rows] >= 0)
+        apart = points[there] - ways.take(partner[rows[there]]).point
+        found[there] = np.minimum(found[there], np.linalg.norm(apart, axis=1))
     return found
 
 

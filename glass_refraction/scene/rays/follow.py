@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Follows a picture's rays through all glasses, up to the things that they meet at last.
 
-Where no thing reaches among the glasses, what rays do in these does not depend on things: it is
-found without looking for any, and kept for the next frame while eye and glasses stay. Each ray's
-ways are the same to the bit whether they were kept or not, and whichever rays go with it.
+What rays do is kept for the next frame while eye and glasses stay. Where no thing reaches among
+the glasses, it is found without looking for any. Else those pixels are followed anew of which a ray
+passes where a thing moved. Each ray's ways are the same to the bit whether they were kept or not,
+and whichever rays go with it.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import optics
+from ...optics.exit_rays import TOUCHING, grain, near_boxes
 from ..memory import counters
 from ..progress import check
 from ..read.viewpoint import Viewpoint
 from .caster import Caster, cast_past
-from .columns import joined
+from .columns import Columns, joined
 from .hits import Ways
 from .meshes import GlassMeshes
+from .moved import Known, touched
+from .things import Things
 
 Band = tuple[tuple[float, float, float], list[optics.Placed]]
 """What light of a band brings to the colours, and the glasses as it finds them."""
@@ -34,43 +38,132 @@ pixel's."""
 TOGETHER = 100_000
 """Rays that are followed together. While they are, each takes a kilobyte and more; fewer would cost
 time, for each step is a batch of casts."""
+NEAR = 8.0 * TOUCHING
+"""Of the largest coordinate: where float32 keeps places, things so near to a ray may matter."""
 MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
 
+@dataclass(frozen=True, eq=False)
+class Passed(Columns):
+    """Stretches of rays up to interfaces: (S,) number of the ray, begin and end (S, 2, 3)."""
+
+    ray: np.ndarray
+    ends: np.ndarray
+
+
 class Block(NamedTuple):
-    """Pixels (N,), numbers rising, the ways of as many rays in each, pixel by pixel, and of each
-    ray the part of its light that is not in them."""
+    """Pixels (N,), numbers rising, the ways of as many rays in each, pixel by pixel, of each ray
+    the part of its light that is not in them, and what it passed if things matter there."""
 
     pixels: np.ndarray
     ways: Ways
     lost: np.ndarray
+    passed: Passed
+
+    @property
+    def size(self) -> int:
+        """How much it holds, in ways; four stretches take as much as one."""
+        return len(self.ways) + len(self.passed) // 4
+
+    def rows_of(self, ray: np.ndarray, pixels: np.ndarray, count: int) -> tuple:
+        """Which of its rows, of which rays (K,), are of some of its pixels; their rays among these.
+
+        It has ``count`` rays in each pixel.
+        """
+        if len(pixels) == len(self.pixels):
+            return np.arange(len(ray)), ray
+        number = np.full(len(self.pixels), -1, np.int32)
+        number[np.searchsorted(self.pixels, pixels)] = np.arange(len(pixels))
+        pixel, ray = np.divmod(ray, count)
+        rows = np.flatnonzero(number[pixel] >= 0)
+        return rows, number[pixel[rows]] * count + ray[rows]
+
+    def lost_of(self, pixels: np.ndarray, count: int) -> np.ndarray:
+        """The light that is lost of each ray in some of its pixels."""
+        lost = self.lost.reshape(-1, count)
+        return lost[np.searchsorted(self.pixels, pixels)].ravel()
+
+    def still(self, boxes: np.ndarray, number: np.ndarray, margin: float, apart: bool) -> Block:
+        """What it has that no thing changed which moved in boxes (B, 2, 3).
+
+        Where things stay apart from the glasses, ways must be looked at again that pass there; else
+        whole pixels must, as soon as one of their rays passes there.
+
+        Parameters
+        ----------
+        number : (T,) of what rays met before, as it is now.
+        margin : metres within which things matter, beside rounding.
+        """
+        count, passed = len(self.lost) // len(self.pixels), self.passed
+        ways = replace(
+            self.ways, distance=self.ways.distance.copy(), triangle=self.ways.triangle.copy()
+        )
+        met = np.flatnonzero(ways.triangle >= 0)
+        ways.triangle[met] = number[ways.triangle[met]]
+        block = self._replace(ways=ways)
+        if not (len(boxes) and len(ways)):
+            return block
+        margin += NEAR * np.abs(ways.origin).max()
+        # What ends nowhere ends beyond all boxes.
+        bounds = np.concatenate((boxes.reshape(-1, 3), ways.origin))
+        way = np.minimum(ways.distance, np.linalg.norm(np.ptp(bounds, axis=0)))
+        end = ways.origin + way[:, None] * ways.direction
+        again = touched(boxes, margin, ways.origin, end)
+        if apart:
+            ways.distance[again] = np.nan
+            return block
+        margin += NEAR * np.abs(passed.ends[:, 0]).max(initial=0.0)
+        also = touched(boxes, margin, passed.ends[:, 0], passed.ends[:, 1])
+        stale = np.unique(np.concatenate((ways.ray[again], passed.ray[also])) // count)
+        pixels = np.delete(self.pixels, stale)
+        parts = []
+        for part in (ways, passed):
+            rows, ray = self.rows_of(part.ray, pixels, count)
+            parts.append(replace(part.take(rows), ray=ray))
+        return Block(pixels, parts[0], self.lost_of(pixels, count), parts[1])
 
 
 @dataclass
 class Kept:
-    """What was followed without looking for things, by the places of its rays in a pixel.
+    """What was followed, by the places of its rays in a pixel.
 
     Attributes
     ----------
     eye : stamp of where rays begin. glasses : stamps of these and of how they are followed.
+    known : what rays met.
     parts : least weight and places -> blocks one behind another in the picture.
     """
 
     eye: tuple = ()
     glasses: tuple = ()
+    known: Known | None = None
     parts: dict[tuple[float, bytes], list[Block]] = field(default_factory=dict)
 
-    def match(self, eye: tuple, glasses: tuple) -> None:
-        """Forget what was found for another eye or other glasses."""
+    def match(self, eye: tuple, glasses: tuple, known: Known, margin: float, apart: bool) -> None:
+        """Forget what was found for another eye, other glasses and where things moved.
+
+        Parameters
+        ----------
+        margin : metres within which a thing matters to a ray.
+        apart : whether things stay apart from the glasses.
+        """
+        old, self.known = self.known, known
+        glasses = (*glasses, apart)
         if (eye, glasses) != (self.eye, self.glasses):
             self.eye, self.glasses = eye, glasses
             self.parts.clear()
+        if not self.parts:
+            return
+        boxes, number = old.moved_to(known)
+        for key, blocks in self.parts.items():
+            left = (block.still(boxes, number, margin, apart) for block in blocks)
+            self.parts[key] = [block for block in left if len(block.pixels)]
 
     @property
-    def ways(self) -> int:
-        """How many ways are kept."""
-        return sum(len(block.ways) for blocks in self.parts.values() for block in blocks)
+    def size(self) -> int:
+        """How much is kept, in ways."""
+        return sum(block.size for blocks in self.parts.values() for block in blocks)
 
 
 @dataclass
@@ -80,7 +173,8 @@ class Follower:
     Attributes
     ----------
     view : the camera. bands : glasses in light of each band.
-    caster : of things. boxes : (B, 2, 3) round these. hull : (2, 3) a box round all glasses.
+    caster : of things. things : these. boxes : (B, 2, 3) round them.
+    hull : (2, 3) a box round all glasses. stamp : of the glasses and of how they are followed.
     meshes : the glasses that are meshes.
     min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
     through : (T,) bool, which triangles are seen through the glasses; None: all.
@@ -90,8 +184,10 @@ class Follower:
     bands: Sequence[Band]
     caster: Caster
     meshes: GlassMeshes
+    things: Things
     boxes: np.ndarray
     hull: np.ndarray
+    stamp: tuple
     min_weight: float
     fresnel: bool
     kept: Kept
@@ -102,6 +198,15 @@ class Follower:
         self._skin = CONTACT * float(np.linalg.norm(high - low))
         inside = (self.boxes[:, 0] < high - self._skin) & (self.boxes[:, 1] > low + self._skin)
         self._apart = not inside.all(axis=1).any()
+        # Where things reach among the glasses, rays depend on how exactly they are met.
+        accuracy = 0.0 if self._apart else grain(self.boxes)
+        self.kept.match(
+            self.view.stamp(),
+            (*self.stamp, accuracy),
+            Known(self.things, self.through),
+            2.0 * self._skin + 4.0 * accuracy,
+            self._apart,
+        )
         placed = [glass for _, glasses in self.bands for glass in glasses]
         self.rough = any(glass.roughness for glass in placed)
         self.only_meshes = all(glass.is_mesh for glass in placed)
@@ -114,7 +219,7 @@ class Follower:
 
     def blocks(
         self, pixels: np.ndarray, places: np.ndarray, settled: np.ndarray | None = None
-    ) -> Iterator[Block]:
+    ) -> Iterator[tuple[np.ndarray, Ways, np.ndarray]]:
         """Ways of rays through places (P, 2) of each pixel (N,), numbers rising, from its centre.
 
         Rays that meet no glass first have no way.
@@ -126,22 +231,25 @@ class Follower:
 
         Yields
         ------
-        At least one block, each of a part of the pixels.
+        At least once: a part of the pixels, their ways and lost light, see `Block`.
         """
         least = self.min_weight if settled is None else self.fine_weight
         key = (least, places.tobytes())
         known = self.kept.parts.pop(key, [])
-        room, kept = MOST_KEPT - self.kept.ways, []
+        room, kept = MOST_KEPT - self.kept.size, []
         for part, old in _divided(pixels, known, max(1, TOGETHER // len(places))):
+            whole = self._whole(part, places, least, old, keep=room > 0)
+            room -= whole.size
+            kept = [*kept, whole] if len(whole.pixels) and room >= 0 else []
+            rows, ray = whole.rows_of(whole.ways.ray, part, len(places))
+            lost = whole.lost_of(part, len(places))
             if self._apart:
-                whole = self._whole(part, places, least, old)
-                room -= len(whole.ways)
-                kept = [*kept, whole] if len(whole.pixels) and room >= 0 else []
-                ways, lost = self._of_kept(whole, part, places)
-            else:
-                ways, lost = self._traced(part, places, least, things=True)
-            ways, lost = unsettled(ways, lost, part, len(places), settled)
-            yield Block(part, self._ended(ways) if self._apart else ways, lost)
+                seen = self._unhidden(ray, part, places)
+                rows, ray, lost = rows[seen[ray]], ray[seen[ray]], lost * seen
+            some = unsettled(whole.ways, rows, ray, lost, part, settled)
+            if self._apart:
+                self._end(whole.ways, rows[some])
+            yield part, replace(whole.ways.take(rows[some]), ray=ray[some]), lost
         if kept:
             self.kept.parts[key] = kept
 
@@ -154,12 +262,12 @@ class Follower:
         origins, directions = self.view.rays(x, y)
         return np.array(origins), np.array(directions)
 
-    def _traced(
-        self, pixels: np.ndarray, places: np.ndarray, least: float, *, things: bool
-    ) -> tuple[Ways, np.ndarray]:
+    def _traced(self, pixels: np.ndarray, places: np.ndarray, least: float, keep: bool) -> Block:
+        """What rays do, up to the things that they meet if these reach among the glasses."""
+        things = not self._apart
         origins, directions = self._rays(pixels, places)
         counters["exit_rays"] += len(origins)
-        parts, lost = [], np.zeros(len(origins))
+        parts, passed, lost = [], [], np.zeros(len(origins))
         for number, (colour, placed) in enumerate(self.bands):
             ends = optics.exit_rays(
                 placed,
@@ -173,11 +281,15 @@ class Follower:
                 pixel=np.repeat(pixels, len(places)),
                 sample=np.tile(np.arange(len(places)), len(pixels)),
                 between=check,
+                stretches=keep and things,
             )
             check()
+            passed.append(Passed(ends.passed_ray, ends.passed))
             share = float(np.mean(colour))
             met = np.flatnonzero(ends.events > 0)
             weight = ends.weight[met]
+            # Apart from the glasses, things are looked for where it is needed.
+            distance = ends.distance[met] if things else np.full(len(met), np.nan)
             lost += ends.lost * share
             parts.append(
                 Ways(
@@ -187,63 +299,58 @@ class Follower:
                     weight[:, None] * np.exp(-ends.depth[met]) * colour,
                     ends.origin[met],
                     ends.direction[met],
-                    ends.distance[met],
+                    distance,
                     ends.thing[met].astype(np.int32),
                     ends.events[met].astype(np.int16),
                     ends.rough[met],
                 )
             )
-        return joined(Ways, parts), lost
+        # What there is of one band only is large enough not to be copied.
+        ways, passed = (
+            some[0] if len(some) == 1 else joined(kind, some)
+            for kind, some in ((Ways, parts), (Passed, passed))
+        )
+        return Block(pixels, ways, lost, passed)
 
     def _whole(
-        self, pixels: np.ndarray, places: np.ndarray, least: float, old: Block | None
+        self, pixels: np.ndarray, places: np.ndarray, least: float, old: Block | None, keep: bool
     ) -> Block:
-        """An old block and the ways, without things, of those pixels that it has not."""
+        """An old block and what rays do in those pixels that it has not.
+
+        ``keep``: the next frame may need it.
+        """
         if old is None:
-            return Block(pixels, *self._traced(pixels, places, least, things=False))
+            return self._traced(pixels, places, least, keep)
         new = np.setdiff1d(pixels, old.pixels, assume_unique=True)
         if not len(new):
             return old
-        traced = self._traced(new, places, least, things=False)
-        return _merged(old, Block(new, *traced), len(places))
+        return _merged(old, self._traced(new, places, least, keep), len(places))
 
-    def _of_kept(
-        self, kept: Block, pixels: np.ndarray, places: np.ndarray
-    ) -> tuple[Ways, np.ndarray]:
-        """The ways of some pixels of a block that no thing hides from the eye, and lost light."""
-        count, ways, lost = len(places), kept.ways, kept.lost
-        if len(kept.pixels) > len(pixels):
-            chosen = np.searchsorted(kept.pixels, pixels)
-            number = np.full(len(kept.pixels), -1, np.int32)
-            number[chosen] = np.arange(len(pixels))
-            pixel, ray = np.divmod(ways.ray, count)
-            rows = np.flatnonzero(number[pixel] >= 0)
-            ways = replace(ways.take(rows), ray=number[pixel[rows]] * count + ray[rows])
-            lost = lost.reshape(-1, count)[chosen].ravel()
-        seen = self._unhidden(ways, pixels, places)
-        return ways.take(np.flatnonzero(seen[ways.ray])), lost * seen
-
-    def _unhidden(self, ways: Ways, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """(N · P,) which rays that have ways meet no thing before the glasses."""
+    def _unhidden(self, ray: np.ndarray, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """(N · P,) which rays, of those (K,) that have ways, meet no thing before the glasses."""
         seen = np.zeros(len(pixels) * len(places), bool)
-        seen[ways.ray] = True
+        seen[ray] = True
         rays = np.flatnonzero(seen)
         if len(rays):
             origins, directions = self._rays(pixels, places)
             origins, directions = origins[rays], _unit(directions[rays])
-            distance, _ = self.caster.cast(origins, directions)
-            seen[rays] = distance >= self._entry(origins, directions)
+            entry = self._entry(origins, directions)
+            # Before the others there is not even a thing's box.
+            near = np.flatnonzero(near_boxes(self.boxes, origins.T, directions.T, entry))
+            distance, _ = self.caster.cast(origins[near], directions[near])
+            seen[rays[near]] = distance >= entry[near]
         return seen
 
-    def _ended(self, ways: Ways) -> Ways:
-        """The ways up to the things that they meet."""
-        if not len(ways):
-            return ways
-        # From a little before: a thing that touches the glass there is seen through a film of air.
-        begin = ways.origin - self._skin * ways.direction
-        distance, triangle = self._cast_through(begin, ways.direction)
-        distance = np.maximum(distance - self._skin, 0.0)
-        return replace(ways, distance=distance, triangle=triangle.astype(np.int32))
+    def _end(self, ways: Ways, rows: np.ndarray) -> None:
+        """Let some ways end at the things that they meet, if that is not known yet."""
+        rows = rows[np.isnan(ways.distance[rows])]
+        if len(rows):
+            direction = ways.direction[rows]
+            # From a little before: what touches the glass there is seen through a film of air.
+            begin = ways.origin[rows] - self._skin * direction
+            distance, triangle = self._cast_through(begin, direction)
+            ways.distance[rows] = np.maximum(distance - self._skin, 0.0)
+            ways.triangle[rows] = triangle
 
     def _cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What rays meet; those that come from the eye have passed no glass and meet all things."""
@@ -284,22 +391,28 @@ def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def unsettled(
-    ways: Ways, lost: np.ndarray, pixels: np.ndarray, count: int, settled: np.ndarray | None
-) -> tuple[Ways, np.ndarray]:
-    """The ways that are not settled; the light of the others counts as lost.
+    ways: Ways,
+    rows: np.ndarray,
+    ray: np.ndarray,
+    lost: np.ndarray,
+    pixels: np.ndarray,
+    settled: np.ndarray | None,
+) -> np.ndarray:
+    """Numbers of those ways, of some rows (K,), that are not settled; the others' light is lost.
 
     Parameters
     ----------
-    ways, lost : of ``count`` rays in each pixel (N,). settled : sorted `way_codes`, or None.
+    ray : (K,) their rays, of which there are as many in each pixel (N,).
+    lost : of these rays; it is changed. settled : sorted `way_codes`, or None.
     """
     check()
     if settled is None or not len(settled):
-        return ways, lost
-    codes = way_codes(pixels[ways.ray // count], ways.path)
+        return np.arange(len(rows))
+    codes = way_codes(pixels[ray // (len(lost) // max(1, len(pixels)))], ways.path[rows])
     at = np.minimum(np.searchsorted(settled, codes), len(settled) - 1)
     known = settled[at] == codes
-    lost = lost + np.bincount(ways.ray[known], ways.weight[known], len(lost))
-    return ways.take(np.flatnonzero(~known)), lost
+    lost += np.bincount(ray[known], ways.weight[rows[known]], len(lost))
+    return np.flatnonzero(~known)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -329,10 +442,15 @@ def _merged(old: Block, new: Block, count: int) -> Block:
     order = np.argsort(pixels, kind="stable")
     place = np.empty(len(order), np.int32)
     place[order] = np.arange(len(order))
-    start = np.repeat((0, len(old.pixels)), (len(old.ways), len(new.ways)))
-    ways = joined(Ways, [old.ways, new.ways])
-    pixel, ray = np.divmod(ways.ray, count)
-    ways = replace(ways, ray=place[pixel + start] * count + ray)
-    lost = np.concatenate((old.lost, new.lost)).reshape(-1, count)[order]
+
+    def merged(kind, first, second):
+        start = np.repeat((0, len(old.pixels)), (len(first), len(second)))
+        both = joined(kind, [first, second])
+        pixel, ray = np.divmod(both.ray, count)
+        return replace(both, ray=place[pixel + start] * count + ray)
+
+    ways = merged(Ways, old.ways, new.ways)
     # Rows of one ray stay side by side, in their order.
-    return Block(pixels[order], ways.take(np.argsort(ways.ray, kind="stable")), lost.ravel())
+    ways = ways.take(np.argsort(ways.ray, kind="stable"))
+    lost = np.concatenate((old.lost, new.lost)).reshape(-1, count)[order]
+    return Block(pixels[order], ways, lost.ravel(), merged(Passed, old.passed, new.passed))

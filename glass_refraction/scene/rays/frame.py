@@ -40,6 +40,7 @@ from .hits import (
     Scene,
     Views,
     blocks_of,
+    judged,
     place_captures,
     place_skies,
     show,
@@ -241,14 +242,15 @@ def _follower(
     """Follows the rays of the picture."""
     view = frame.view
     glasses = tuple(glass.stamp() for glass in frame.glasses)
-    kept.match(view.stamp(), (frame.min_weight, frame.fresnel, *glasses))
     return Follower(
         view,
         _bands(frame.glasses),
         scene.caster,
         meshes,
+        frame.things,
         _boxes(frame.things),
         _hull(bodies),
+        (frame.min_weight, frame.fresnel, *glasses),
         frame.min_weight,
         frame.fresnel,
         kept,
@@ -273,11 +275,12 @@ def _followed(
     most = min(frame.captures, room.captures)
     beside = neighbours(coarse, view.size)
     tell("placing cameras for what else is seen in the glass")
+    rows = judged(len(coarse.ways))
     captures = place_captures(
         scene,
         direct,
-        coarse.ways,
-        spacing(coarse, beside),
+        coarse.ways.take(rows),
+        spacing(coarse.ways, beside, rows),
         most,
         frame.aspect,
         NEAREST * scale,

@@ -294,6 +294,11 @@ def _choose(scene: Scene, views: dict[int, RadianceView], hits: Hits, rows, chos
         left = np.concatenate([left[:0], *lacking])
 
 
+def judged(count: int) -> np.ndarray:
+    """Numbers of the ways, of so many, by which captures are compared."""
+    return np.arange(0, count, max(1, count // JUDGED))
+
+
 def place_captures(
     scene: Scene,
     direct: RadianceView,
@@ -310,12 +315,11 @@ def place_captures(
 
     Parameters
     ----------
-    ways : of one ray a pixel. spacing : (K,) metres between their hits in neighbouring pixels.
+    ways : of one ray a pixel, as `judged` chooses them.
+    spacing : (K,) metres between their hits in neighbouring pixels.
     most : captures at most. aspect : height of a pixel over its width.
     near : metres, the least distance from where a camera sees.
     """
-    rows = np.arange(0, len(ways), max(1, len(ways) // JUDGED))
-    ways, spacing = ways.take(rows), spacing[rows]
     known = scene.is_known(ways)
     total = ways.weight.sum()
     hits = scene.hits(ways)

@@ -26,7 +26,7 @@ from glass_refraction.scene.rays.exits import (
     sun_light,
     together,
 )
-from glass_refraction.scene.rays.follow import Block, unsettled
+from glass_refraction.scene.rays.follow import unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
 from glass_refraction.scene.rays.lamps import Sun
 from glass_refraction.scene.rays.true import _filter_size
@@ -69,7 +69,9 @@ class Following:
         pixel = np.repeat(pixels, len(places))
         x, y = np.tile(places, (len(pixels), 1)).T
         rays = self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y)
-        yield Block(pixels, *unsettled(*self._follow(*rays), pixels, len(places), settled))
+        ways, lost = self._follow(*rays)
+        rows = np.arange(len(ways))
+        yield pixels, ways.take(unsettled(ways, rows, ways.ray, lost, pixels, settled)), lost
 
 
 def straight(origins, directions):
