@@ -260,7 +260,6 @@ def clear():
     yield from rest()
     shown = yield from settled("viewport_clear", area)
     glass.hide_set(True)
-    yield from rest()
     hidden = yield from settled("viewport_no_glass", area)
     glass.hide_set(False)
     inputs.write_input(glass.modifiers[0], "IOR", before)
