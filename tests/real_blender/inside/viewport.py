@@ -9,6 +9,7 @@ import gc
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
@@ -28,7 +29,7 @@ REDRAWS = 20
 STEP = (0.002, -0.002)
 """Metres by which eye or eraser move from redraw to redraw."""
 SEEN_STEP = 0.1
-"""A difference of colours that is a line's; anti-aliasing makes smaller ones from time to time."""
+"""A difference of colours that is a line's."""
 FAR_OFF = 1e6
 """Metres: nothing of the scene is as far off."""
 
@@ -71,10 +72,7 @@ def screenshot(name, area):
 
 
 def settled(name, area):
-    """`screenshot`, once three in a row are the same: the engine refines what it shows.
-
-    On a busy machine two may be the same because nothing was drawn between.
-    """
+    """`screenshot`, once three in a row are the same: a busy machine may draw none between two."""
     found, same = None, 0
     for _ in range(12):
         yield 0.7
@@ -232,16 +230,32 @@ def capture_depths():
     return float(np.mean(wrong))
 
 
+@contextmanager
+def unsmoothed():
+    """No anti-aliasing, for pictures that are compared pixel by pixel.
+
+    Each screenshot is read as an image, and Blender then begins with its first sample again. On a
+    busy machine the next screenshot comes before the last sample.
+    """
+    preferences = bpy.context.preferences
+    preferences.use_preferences_save = False
+    before = preferences.system.viewport_aa
+    preferences.system.viewport_aa = "OFF"
+    yield
+    preferences.system.viewport_aa = before
+
+
 def lines():
     """How many pixels show more in the view if overlays are on: nothing is selected."""
     (area,) = areas()
     flat_view(area, "SOLID")
     bpy.ops.object.select_all(action="DESELECT")
     pictures = []
-    for on in (False, True):
-        area.spaces.active.overlay.show_overlays = on
-        yield from rest()
-        pictures.append(screenshot(f"viewport_lines_{on}", area))
+    with unsmoothed():
+        for on in (False, True):
+            area.spaces.active.overlay.show_overlays = on
+            yield from rest()
+            pictures.append(screenshot(f"viewport_lines_{on}", area))
     off = np.abs(pictures[0] - pictures[1]).max(axis=2) > SEEN_STEP
     x0, y0, x1, y1 = (int(v) for v in result["frame"])
     result["lines"] = int(off[y0 + 2 : y1 - 2, x0 + 2 : x1 - 2].sum())
@@ -257,10 +271,11 @@ def clear():
     glass = bpy.data.objects["Glass"]
     before = inputs.read_input(glass.modifiers[0], "IOR")
     inputs.write_input(glass.modifiers[0], "IOR", 1.0)
-    yield from rest()
-    shown = yield from settled("viewport_clear", area)
-    glass.hide_set(True)
-    hidden = yield from settled("viewport_no_glass", area)
+    with unsmoothed():
+        yield from rest()
+        shown = yield from settled("viewport_clear", area)
+        glass.hide_set(True)
+        hidden = yield from settled("viewport_no_glass", area)
     glass.hide_set(False)
     inputs.write_input(glass.modifiers[0], "IOR", before)
     result["clear"] = int((np.abs(shown - hidden).max(axis=2) > SEEN_STEP).sum())
