@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import io, optimize
 
 from glass_refraction import optics
 
@@ -111,7 +112,6 @@ PHOTOGRAPH = Path(__file__).resolve().parents[3] / "shared/data/agrawal2012/Real
 def test_photograph_through_a_water_tank():
     """A. Agrawal et al., CVPR 2012: 144 corners seen through 260 mm of water, ior 1.33. Only the
     slab's normal is fitted (two angles)."""
-    io, optimize = pytest.importorskip("scipy.io"), pytest.importorskip("scipy.optimize")
     data = io.loadmat(PHOTOGRAPH)
     corners = (data["Rgt"] @ data["Pall"] + data["Tgt"].reshape(3, 1)).T / 1000.0
     pixels = data["CameraRays"][:2].T
