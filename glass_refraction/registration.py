@@ -40,7 +40,6 @@ _PARTS = (
     asset_library,
     command,
     handlers,
-    stepwise,
 )
 
 
@@ -51,6 +50,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Unregister all parts, last first."""
+    """Stop what goes on and unregister all parts, last first."""
+    stepwise.stop_all()
     for part in reversed(_PARTS):
         part.unregister()

@@ -34,6 +34,7 @@ from .glasses import CylinderGlass, SphereGlass
 from .images import View
 from .paths import Branch, LightPath, ParallelView, branches
 from .tracing import advance, meet, start, trace
+from .vectors import perpendiculars
 
 Floats = NDArray[np.float64]
 
@@ -923,9 +924,7 @@ class CoaxialPassage:
         across = across - (across @ axis)[:, None] * axis
         size = np.sqrt(np.sum(across * across, axis=-1))
         # On the axis any perpendicular will do.
-        other = np.eye(3)[np.argmin(np.abs(axis))]
-        other = np.cross(axis, other)
-        other = other / np.sqrt(other @ other)
+        other, _ = perpendiculars(axis)
         lost = size < TINY * self.frame.scale
         unit = across / np.where(lost, 1.0, size)[:, None]
         return np.where(lost[:, None], other, unit)

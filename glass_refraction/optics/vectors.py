@@ -41,6 +41,13 @@ def units(vectors: Floats) -> Floats:
     return vectors / np.sqrt(np.maximum(dot(vectors, vectors), LEAST))
 
 
+def perpendiculars(direction: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors across a unit direction and each other: (3,), or (3, L) of as many."""
+    least = np.eye(3)[np.abs(direction).argmin(axis=0)].T
+    right = units(np.cross(direction, least, axis=0))
+    return right, np.cross(right, direction, axis=0)
+
+
 def against(normal: Floats, direction: Floats) -> Floats:
     """The sign (L,) that turns normals (3, L) to the side that rays come from."""
     return np.where(dot(normal, direction) > 0.0, -1.0, 1.0)

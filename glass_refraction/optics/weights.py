@@ -15,6 +15,7 @@ from .paths import LightPath, ParallelView, as_eye, as_path
 from .radial import RadialWeights
 from .solver import in_blocks
 from .tracing import Bundle, advance, meet, reflectance, start
+from .vectors import perpendiculars
 
 Floats = NDArray[np.float64]
 
@@ -226,8 +227,7 @@ def _sample(glass: Glass, eye: Floats | ParallelView) -> tuple[Floats, Floats, F
     if cylinder:
         side = np.array([-axis[1], axis[0], 0.0])
     else:
-        side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        side = side / np.sqrt(side @ side)
+        side, _ = perpendiculars(axis)
     radius = glass.radius[0]
     incidence, share = _towards_grazing(COUNT)
     impact = np.sin(incidence)

@@ -12,7 +12,7 @@ panels stay until no render goes on, and show nothing.
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
 
 import bpy
 
@@ -54,32 +54,31 @@ def unregister_class(kind: type) -> None:
     if not _is_held(kind):
         bpy.utils.unregister_class(kind)
         return
-    bpy.app.timers.register(partial(_retire, kind), first_interval=LOOK_SECONDS, persistent=True)
+    bpy.app.timers.register(_retiring(kind), first_interval=LOOK_SECONDS, persistent=True)
 
 
-def _retire(kind: type) -> float | None:
-    """Timer: see :func:`unregister_class`."""
-    if kind in _wanted or not kind.is_registered:
-        return None
-    if _is_held(kind):
+def _retiring(kind: type) -> Callable[[], float | None]:
+    """A timer that unregisters a class once it is not held and all areas were drawn since."""
+    is_drawn = False
+
+    def look() -> float | None:
+        nonlocal is_drawn
+        if kind in _wanted or not kind.is_registered:
+            return None
+        if _is_held(kind):
+            is_drawn = False
+            return LOOK_SECONDS
+        if is_drawn:
+            # Nothing that was laid out of the class is left.
+            bpy.utils.unregister_class(kind)
+            return None
+        for window in bpy.context.window_manager.windows:
+            for area in window.screen.areas:
+                area.tag_redraw()
+        is_drawn = True
         return LOOK_SECONDS
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            area.tag_redraw()
-    bpy.app.timers.register(
-        partial(_unregister, kind), first_interval=LOOK_SECONDS, persistent=True
-    )
-    return None
 
-
-def _unregister(kind: type) -> float | None:
-    """Timer: nothing laid out of the class is left, unless it is held anew."""
-    if kind in _wanted or not kind.is_registered:
-        return None
-    if _is_held(kind):
-        return LOOK_SECONDS
-    bpy.utils.unregister_class(kind)
-    return None
+    return look
 
 
 def _is_held(kind: type) -> bool:

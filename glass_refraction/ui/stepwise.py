@@ -140,11 +140,7 @@ class Stepwise:
             context.workspace.status_text_set(self._said)
 
 
-def register() -> None:
-    """There is nothing to register."""
-
-
-def unregister() -> None:
+def stop_all() -> None:
     """Stop what goes on."""
     for operator in list(_going):
         operator.stop()

@@ -21,6 +21,7 @@ import gpu
 import numpy as np
 from mathutils import Matrix
 
+from ..optics.vectors import perpendiculars
 from ..scene.changes import expect_echo
 from .description import Frame, Posed
 from .eye import CAPTURES
@@ -396,9 +397,7 @@ def axes(face: int) -> np.ndarray:
 def aimed(along: np.ndarray) -> np.ndarray:
     """(3, 3) rows: right, up and forward of a picture that looks along a direction (3,)."""
     forward = along / np.linalg.norm(along)
-    right = np.cross(forward, np.eye(3)[np.argmin(np.abs(forward))])
-    right /= np.linalg.norm(right)
-    return np.stack((right, np.cross(right, forward), forward))
+    return np.stack((*perpendiculars(forward), forward))
 
 
 def face_view(rows: np.ndarray, centre: np.ndarray) -> np.ndarray:

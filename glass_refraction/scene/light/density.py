@@ -11,7 +11,7 @@ from ..memory import counters
 from ..progress import check
 from ..rays.columns import Columns, joined
 from ..rays.curtain import BLOCK_PX
-from ..rays.views import RadianceView
+from ..rays.views import LEAST_AHEAD, RadianceView
 from .landed import BLOCK, LEAST_LENGTH, Landed, ellipse
 
 REACH = 2.4
@@ -29,7 +29,7 @@ LONG = 2.5
 STEP = 1.5
 """Their lengths from one to the next."""
 FAINT = 0.02
-"""Of a lamp's irradiance: light no stronger is spread as round as needs no rows."""
+"""Of a lamp's irradiance: light no stronger is spread as round as needs no rows, in large cells."""
 LEAST = 1e-9
 """Relative: what differs less is equal."""
 IN_ROW = 1.5
@@ -41,19 +41,88 @@ TURNS = 6
 """Of half a turn: long bells whose directions are in one of these parts may be taken as one."""
 NORMAL_STEPS = 8.0
 """Of a unit: so near to each other surfaces lie in one plane."""
-CELL, ROW_CELL = 0.75, 2.0
-"""Standard deviations: sides of the cells in which bells are taken as one, and those of rows, at
-most. Larger cells are a pattern where light is even; of rows there are many in each cell."""
+CELL, LARGE_CELL = 0.75, 2.0
+"""Standard deviations: sides of the cells in which bells are taken as one, and those of rows and of
+faint light, at most. Larger cells are a pattern where light is even; of rows there are many in each
+cell, and in faint light it is not seen."""
 PAIRS = 60_000
 """Of a bell and a pixel, that are looked at together."""
-DEEP = 0.5
-"""Of a bell's length: a pixel that shows what lies so far out of its plane has no part in it."""
-BESIDE = 1e9
-"""Metres: where a pixel is put that shows no surface."""
+DEEP = 0.35
+"""Of a bell's width: a pixel that shows what lies so far out of its plane has no part in it."""
+BESIDE = 1e30
+"""Nearness where a pixel shows no surface: in no plane."""
 GRAZING = 0.01
 """Sine between surface and sight below which a view shows only streaks."""
 ALIKE = 0.15
-"""Sine: how far aside of a pixel's plane its neighbours may lie to be of its surface."""
+"""Slope: how far out of a pixel's plane its neighbours may lie to be of its surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces(Columns):
+    """Surfaces as a view shows them, each as its plane.
+
+    A place's nearness is 1 over its depth, in a parallel view its depth below 0: of a plane it is
+    linear in the picture.
+
+    Attributes
+    ----------
+    x, y : (K,) pixels from the picture's lower left.
+    sine : (K,) between surface and sight; below 0 where the view does not see it.
+    per : (K, 2) pixels along x and y that are 1 metre across the view's axis.
+    slope : (K, 2) of the sight, from the view's axis.
+    area : (K,) pixels of a square metre of the surface.
+    nearness : (K,) of the place. rise : (K, 2) of its plane, from one pixel to the next.
+    width : (K,) how much nearer or farther a place is that lies as far out of the plane as a pixel
+        is wide in it.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    sine: np.ndarray
+    per: np.ndarray
+    slope: np.ndarray
+    area: np.ndarray
+    nearness: np.ndarray
+    rise: np.ndarray
+    width: np.ndarray
+
+    @classmethod
+    def of(cls, view: RadianceView, points: np.ndarray, normals: np.ndarray) -> Surfaces:
+        """Those at world points, with these unit normals (K, 3)."""
+        local, normal = view.local(points), _turned(view, normals)
+        depth = -local[:, 2]
+        x, y = (view.project(local, view.near)[0] - view.picture[:2]).T
+        scale, slope = np.ones(len(local)), np.zeros((len(local), 2))
+        if not view.is_parallel:
+            scale /= np.maximum(depth, LEAST_AHEAD)
+            slope = local[:, :2] * scale[:, None]
+        focal = 0.5 * np.array(view.size) * np.diag(view.projection)[:2]
+        per = focal * scale[:, None]
+        facing = normal[:, 2] - normal[:, 0] * slope[:, 0] - normal[:, 1] * slope[:, 1]
+        sine = facing / np.sqrt(1.0 + slope[:, 0] ** 2 + slope[:, 1] ** 2)
+        facing = np.maximum(facing, GRAZING)
+        steep, area = scale / facing, per[:, 0] * per[:, 1] * facing
+        return cls(
+            x,
+            y,
+            np.where(depth > view.near, sine, -1.0),
+            per,
+            slope,
+            area,
+            -depth if view.is_parallel else scale,
+            normal[:, :2] * (-steep[:, None] / focal),
+            scale * steep / np.sqrt(area),
+        )
+
+    def across(self, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors (K, 3) of the view's space from these places, in pixels along x and y."""
+        x, y = ((vectors[:, :2] + self.slope * vectors[:, 2:]) * self.per).T
+        return x, y
+
+
+def _turned(view: RadianceView, vectors: np.ndarray) -> np.ndarray:
+    """World vectors (K, 3) in a view's space."""
+    return vectors @ view.to_camera[:3, :3].T
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +132,33 @@ class Seen:
     Attributes
     ----------
     view : which. used : squares of it that are looked up, see `curtain.looked_up`; None: all.
-    points, normals : (height, width, 3) float32, from the middle of what is looked at, metres, and
-        unit towards the view.
+    nearness, width : (height, width) and rise : (height, width, 2), of `Surfaces`; `BESIDE` where a
+        pixel shows no surface.
     """
 
     view: RadianceView
     used: np.ndarray | None
-    middle: np.ndarray
-    points: np.ndarray
-    normals: np.ndarray
+    nearness: np.ndarray
+    rise: np.ndarray
+    width: np.ndarray
+
+    @classmethod
+    def of(cls, view: RadianceView, used, pixel, points, normals) -> Seen:
+        """Pixels (K,), numbers in the picture, that show surfaces at points with normals (K, 3)."""
+        x0, y0, x1, y1 = view.picture
+        surfaces = Surfaces.of(view, points, normals)
+        kinds = (surfaces.nearness, BESIDE), (surfaces.rise, 0.0), (surfaces.width, 0.0)
+        parts = []
+        for part, beside in kinds:
+            whole = np.full(((y1 - y0) * (x1 - x0), *part.shape[1:]), beside)
+            whole[pixel] = part
+            parts.append(whole.reshape(y1 - y0, x1 - x0, *part.shape[1:]))
+        return cls(view, used, *parts)
+
+    def every(self, step: int) -> Seen:
+        """Each so many pixels."""
+        parts = (part[::step, ::step] for part in (self.nearness, self.rise, self.width))
+        return Seen(self.view, self.used, *parts)
 
 
 def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
@@ -81,17 +168,16 @@ def density(landed: Landed, seen: Seen, sigma_px: float) -> np.ndarray:
     ----------
     sigma_px : standard deviation of the pixel filter.
     """
-    bells = _seen_bells(landed, seen, sigma_px)
-    levels = 1 + int(bells.level.max(initial=0))
-    points, normals = [seen.points], [seen.normals]
-    for _ in range(levels - 1):
-        points.append(points[-1][::2, ::2])
-        normals.append(normals[-1][::2, ::2])
-    total = np.zeros((*points[-1].shape[:2], 3))
-    for level in reversed(range(levels)):
-        if level < levels - 1:
-            total = _finer(total, points[level + 1], points[level], normals[level])
-        total += _summed(bells.take(np.flatnonzero(bells.level == level)), points[level], level)
+    spots, surfaces = _seen_spots(landed, seen, sigma_px)
+    level = np.floor(np.log2(np.maximum(spots.short / FINEST_PX, 1.0))).astype(np.intp)
+    coarsest = int(level.max(initial=0))
+    total = np.zeros((*seen.every(2**coarsest).nearness.shape, 3))
+    for number in reversed(range(coarsest + 1)):
+        pixels = seen.every(2**number)
+        if number < coarsest:
+            total = _finer(total, pixels, 2**number)
+        some = np.flatnonzero(level == number)
+        total += _summed(spots.take(some), surfaces.take(some), pixels, 2**number)
     return total
 
 
@@ -116,121 +202,57 @@ class _Spots(Columns):
     yy: np.ndarray
     light: np.ndarray
 
-
-@dataclass(frozen=True, eq=False)
-class _Surfaces:
-    """Where landed light lies, about which a view is linear.
-
-    `x`, `y`: (K,) pixels. `place`: (K, 3) from the middle. `normal`: (K, 3). `slope`: (K, 2, 3)
-    pixels per metre along a vector.
-    """
-
-    x: np.ndarray
-    y: np.ndarray
-    place: np.ndarray
-    normal: np.ndarray
-    slope: np.ndarray
+    @property
+    def short(self) -> np.ndarray:
+        """(K,) the lesser of their standard deviations, pixels."""
+        return ellipse(self.xx, self.xy, self.yy)[0][1]
 
 
-@dataclass(frozen=True, eq=False)
-class _Bells(Columns):
-    """Bells of a view, each with its pixels.
-
-    `pixel`: (K, 2) from the picture's lower left. `place`: (K, 3) from the middle. `plane`:
-    (K, 3, 3): takes a vector to its two distances in standard deviations and that from the plane,
-    in those that count. `light`: (K, 3) in its middle. `reach`: (K, 2) along x and y and
-    `level`: (K,): it is summed so far in pixels of side 2 ** level.
-    """
-
-    pixel: np.ndarray
-    place: np.ndarray
-    plane: np.ndarray
-    light: np.ndarray
-    reach: np.ndarray
-    level: np.ndarray
-
-
-def _seen_bells(landed: Landed, seen: Seen, sigma_px: float) -> _Bells:
-    parts = []
+def _seen_spots(landed: Landed, seen: Seen, sigma_px: float) -> tuple[_Spots, Surfaces]:
+    """Bells as a view with this pixel filter shows them, and the surfaces that they lie in."""
+    middle = landed.point.mean(axis=0) if len(landed) else np.zeros(3)
+    parts, planes = [], []
     for first in range(0, max(1, len(landed)), BLOCK):
         check()
         some = np.arange(first, min(first + BLOCK, len(landed)))
-        some = some[_before(landed.point[some], landed.normal[some], seen)]
-        spots = _spots(landed, some, seen, sigma_px)
+        surfaces = Surfaces.of(seen.view, landed.point[some], landed.normal[some])
+        planes.append(surfaces)
+        shown = np.flatnonzero(surfaces.sine > GRAZING)
+        spots = _spots(landed, some[shown], middle, surfaces.take(shown), seen.view, sigma_px)
         spots = spots.take(_inside(spots, seen))
         rows = _in_rows(spots, landed.strength[spots.source])
         parts.append(_in_cells(rows.take(_inside(rows, seen))))
     spots = _in_cells(joined(_Spots, parts))
     counters["bells"] += len(spots)
-    surfaces = _surfaces(landed.point[spots.source], landed.normal[spots.source], seen)
-    return _on_surfaces(spots, surfaces)
+    return spots, joined(Surfaces, planes).take(spots.source)
 
 
-def _before(points: np.ndarray, normals: np.ndarray, seen: Seen) -> np.ndarray:
-    """(K,) whether surfaces at points, with these normals (K, 3), turn to a view before them."""
-    view = seen.view
-    local = view.local(points)
-    if view.is_parallel:
-        facing, length = normals @ view.to_camera[2, :3], 1.0
-    else:
-        facing = -np.einsum("nk,nk->n", local, normals @ view.to_camera[:3, :3].T)
-        length = np.sqrt(np.einsum("nk,nk->n", local, local))
-    return (facing > GRAZING * length) & (-local[:, 2] > view.near)
-
-
-def _surfaces(points: np.ndarray, normals: np.ndarray, seen: Seen) -> _Surfaces:
-    """The surfaces at points, with these normals (K, 3), as a view shows them."""
-    view = seen.view
-    local = view.local(points)
-    depth = -local[:, 2]
-    slope = np.empty((len(points), 2, 3))
-    for axis in (0, 1):
-        per = 0.5 * view.size[axis] * view.projection[axis, axis]
-        for k in range(3):
-            slope[:, axis, k] = per * view.to_camera[axis, k]
-            if not view.is_parallel:
-                slope[:, axis, k] += per * local[:, axis] / depth * view.to_camera[2, k]
-                slope[:, axis, k] /= depth
-    x, y = (view.project(local, view.near)[0] - view.picture[:2]).T
-    return _Surfaces(x, y, points - seen.middle, normals, slope)
-
-
-def _spots(landed: Landed, some: np.ndarray, seen: Seen, sigma_px: float) -> _Spots:
-    """Some of the landed light, by numbers (K,), as a view with this pixel filter shows it."""
-    surfaces = _surfaces(landed.point[some], landed.normal[some], seen)
+def _spots(landed, some, middle, surfaces: Surfaces, view: RadianceView, sigma_px: float) -> _Spots:
+    """Some of the landed light, by numbers (K,), as a view shows it on its surfaces."""
     (ax, ay), (bx, by) = (
-        [np.einsum("nk,nk->n", surfaces.slope[:, axis], bell[some]) for axis in (0, 1)]
-        for bell in (landed.major, landed.minor)
+        surfaces.across(_turned(view, bell[some])) for bell in (landed.major, landed.minor)
     )
     square = sigma_px**2
-    area = np.abs(_area(surfaces))
     # In powers of 2: what lies side by side is measured alike.
-    step = np.exp2(np.floor(-0.5 * np.log2(area)))
-    above = np.rint(np.einsum("nk,nk->n", surfaces.place, surfaces.normal) / step)
-    facing = np.rint(NORMAL_STEPS * surfaces.normal).T
+    step = np.exp2(np.floor(-0.5 * np.log2(surfaces.area)))
+    normal = landed.normal[some]
+    above = np.rint(np.einsum("nk,nk->n", landed.point[some] - middle, normal) / step)
     return _Spots(
         some,
-        _hash(*facing, above, step.view(np.int64)),
-        np.zeros(len(area)),
+        _hash(*np.rint(NORMAL_STEPS * normal).T, above, step.view(np.int64)),
+        np.zeros(len(some)),
         surfaces.x,
         surfaces.y,
         ax * ax + bx * bx + square,
         ax * ay + bx * by,
         ay * ay + by * by + square,
-        landed.flux[some] * area[:, None],
+        landed.flux[some] * surfaces.area[:, None],
     )
-
-
-def _area(surfaces: _Surfaces) -> np.ndarray:
-    """(K,) pixels of a square metre."""
-    (ax, ay, az), (bx, by, bz) = surfaces.slope.transpose(1, 2, 0)
-    nx, ny, nz = surfaces.normal.T
-    return nx * (ay * bz - az * by) + ny * (az * bx - ax * bz) + nz * (ax * by - ay * bx)
 
 
 def _inside(spots: _Spots, seen: Seen) -> np.ndarray:
     """Numbers of the spots that reach into the picture, and there what is looked up."""
-    height, width, _ = seen.points.shape
+    height, width = seen.nearness.shape
     wide, high = (REACH * WIDTH * np.sqrt(part) for part in (spots.xx, spots.yy))
     some = np.flatnonzero(
         (spots.x > -wide) & (spots.x < width + wide) & (spots.y > -high) & (spots.y < height + high)
@@ -261,10 +283,11 @@ def _in_rows(spots: _Spots, strength: np.ndarray) -> _Spots:
     rest = np.sqrt(np.maximum(long**2 - square, 0.0))
     size, shape = np.floor(SIZES * np.log2(short)), np.floor(SIZES * np.log2(own / short))
     turn = np.where(shape > 0.0, np.floor(angle * (TURNS / np.pi)), 0.0)
+    large = many | (strength < FAINT)
     changed = replace(
         spots,
-        cell=np.where(many, ROW_CELL, CELL) * np.exp2(size / SIZES),
-        code=_hash(spots.code, size, shape, turn, many, np.sign(spots.light.sum(axis=1))),
+        cell=np.where(large, LARGE_CELL, CELL) * np.exp2(size / SIZES),
+        code=_hash(spots.code, size, shape, turn, large, np.sign(spots.light.sum(axis=1))),
         xx=square * cosine**2 + other * sine**2,
         xy=(square - other) * cosine * sine,
         yy=square * sine**2 + other * cosine**2,
@@ -289,7 +312,7 @@ def _in_cells(spots: _Spots) -> _Spots:
         return spots
     column, row = np.floor(spots.x / spots.cell), np.floor(spots.y / spots.cell)
     code = _hash(spots.code, column, row)
-    order = np.argsort(code, kind="stable")
+    order = np.argsort(code)
     begins = np.concatenate(([True], np.diff(code[order]) != 0))
     first = order[begins]
     group = np.empty(len(order), np.intp)
@@ -318,34 +341,6 @@ def _in_cells(spots: _Spots) -> _Spots:
     )
 
 
-def _on_surfaces(spots: _Spots, surfaces: _Surfaces) -> _Bells:
-    """Spots as bells, each in the plane of its surface."""
-    sides, angle = ellipse(spots.xx, spots.xy, spots.yy)
-    long, short = (WIDTH * side for side in sides)
-    # A vector in the surface, in standard deviations along and across.
-    cosine, sine = np.cos(angle), np.sin(angle)
-    turned = np.array(((cosine / long, sine / long), (-sine / short, cosine / short)))
-    plane = np.empty((len(spots), 3, 3))
-    plane[:, :2] = turned.transpose(2, 0, 1) @ surfaces.slope
-    # How long the bell is in the surface, on its longer side.
-    across = plane[:, :2] - (plane[:, :2] @ surfaces.normal[..., None]) * surfaces.normal[:, None]
-    steepness = np.sqrt((across**2).sum(axis=(1, 2)))
-    plane[:, 2] = surfaces.normal * (steepness / DEEP)[:, None]
-    # A pixel aside lies in the plane where the other's slope does not change.
-    first, second = surfaces.slope.transpose(1, 0, 2)
-    right = np.cross(second, surfaces.normal) * (spots.x - surfaces.x)[:, None]
-    up = np.cross(surfaces.normal, first) * (spots.y - surfaces.y)[:, None]
-    level = np.floor(np.log2(np.maximum(sides[1] / FINEST_PX, 1.0)))
-    return _Bells(
-        np.stack((spots.x, spots.y), axis=1).astype(np.float32),
-        (surfaces.place + (right + up) / _area(surfaces)[:, None]).astype(np.float32),
-        plane.astype(np.float32),
-        spots.light / (2.0 * np.pi * WITHIN * long * short)[:, None],
-        np.ceil(REACH * WIDTH * np.sqrt((spots.xx, spots.yy)) / 2.0**level).T.astype(np.intp),
-        level.astype(np.intp),
-    )
-
-
 def _hash(*columns: np.ndarray) -> np.ndarray:
     """(K,) int64 that tells rows of whole numbers apart."""
     found = np.zeros(len(columns[0]), np.uint64)
@@ -370,70 +365,99 @@ def _reaches(used: np.ndarray, low, high) -> np.ndarray:
     return sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0] > 0
 
 
-def _summed(bells: _Bells, points: np.ndarray, level: int) -> np.ndarray:
-    """Irradiance (height, width, 3) of bells on places (height, width, 3)."""
-    height, width = points.shape[:2]
-    border = 2 * int(bells.reach.max(initial=0))
-    padded = np.full((3, height + 2 * border, width + 2 * border), BESIDE, np.float32)
-    padded[:, border : border + height, border : border + width] = np.moveaxis(points, -1, 0)
-    wide = padded.shape[2]
-    padded = padded.reshape(3, -1)
-    total = np.zeros((3, padded.shape[1]))
-    nearest = np.rint((bells.pixel - 0.5) / 2.0**level).astype(np.intp)
-    near = (nearest >= -bells.reach) & (nearest < np.array((width, height)) + bells.reach)
-    near = near.all(axis=1)
-    grey = np.ptp(bells.light, axis=1).max(initial=0.0) <= 0.0
-    some = np.flatnonzero(near)
-    code = bells.reach[some] @ (wide, 1)
-    order = np.argsort(code, kind="stable")
-    some, code = some[order], code[order]
-    groups = np.split(some, np.flatnonzero(np.diff(code)) + 1) if len(some) else []
-    for group in groups:
-        right, up = (np.arange(-part, part + 1) for part in bells.reach[group[0]])
-        offsets = (up[:, None] * wide + right).ravel()
-        for part in np.array_split(group, -(-len(group) * len(offsets) // PAIRS)):
+def _summed(spots: _Spots, surfaces: Surfaces, seen: Seen, side: int) -> np.ndarray:
+    """Irradiance (height, width, 3) of spots, each on its surface, in pixels ``side`` apart."""
+    height, width = seen.nearness.shape
+    column, row = (np.rint((part - 0.5) / side).astype(np.intp) for part in (spots.x, spots.y))
+    right, up = (
+        np.ceil(REACH * WIDTH / side * np.sqrt(part)).astype(np.intp)
+        for part in (spots.xx, spots.yy)
+    )
+    rise, rise_up = surfaces.rise.T
+    determinant = spots.xx * spots.yy - spots.xy**2
+    inverse = -0.5 / WIDTH**2 / determinant
+    columns = (
+        # From the bell's middle to the pixel nearest to it.
+        side * column + 0.5 - spots.x,
+        side * row + 0.5 - spots.y,
+        # It is exp(x (xx x + xy y) + yy y²).
+        spots.yy * inverse,
+        -2.0 * spots.xy * inverse,
+        spots.xx * inverse,
+        # The plane, and how far out of it pixels may lie.
+        surfaces.nearness + rise * (spots.x - surfaces.x) + rise_up * (spots.y - surfaces.y),
+        rise,
+        rise_up,
+        DEEP * WIDTH * spots.short * surfaces.width,
+        *spots.light.T / (2.0 * np.pi * WITHIN * WIDTH**2 * np.sqrt(determinant)),
+    )
+    is_grey = np.array_equal(spots.light[:, :2], spots.light[:, 1:])
+    bells = np.stack(columns[:-2] if is_grey else columns)
+    border = 2 * int(max(right.max(initial=0), up.max(initial=0)))
+    padded = np.pad(seen.nearness, border, constant_values=BESIDE)
+    total = np.zeros((3, *padded.shape))
+    near = (column >= -right) & (column < width + right) & (row >= -up) & (row < height + up)
+    near = np.flatnonzero(near)
+    # Bells of one size go row by row: those that are summed together lie in a few rows.
+    size = up * padded.shape[1] + right
+    order = near[np.argsort(size[near] * len(padded) + row[near])]
+    ends = np.flatnonzero(np.diff(size[order])) + 1
+    for group in np.split(order, ends) if len(order) else ():
+        steps, steps_up = (np.arange(-most[group[0]], most[group[0]] + 1) for most in (right, up))
+        pixels = len(steps) * len(steps_up)
+        for part in np.array_split(group, -(-len(group) * pixels // PAIRS)):
             check()
-            centre = (nearest[part, 1] + border) * wide + nearest[part, 0] + border
-            index = centre[:, None] + offsets
+            low = row[part[0]] + steps_up[0] + border
+            rows = np.s_[low : row[part[-1]] + steps_up[-1] + border + 1]
+            shown, sums = padded[rows], total[:, rows]
+            # Bells come last: NumPy is slow on short rows.
+            index = (steps_up[:, None] * shown.shape[1] + steps + border)[..., None]
+            index = index + ((row[part] + border - low) * shown.shape[1] + column[part])
             counters["bell_pixels"] += index.size
-            apart = [padded[k].take(index) for k in range(3)]
-            for k in range(3):
-                apart[k] -= bells.place[part, k : k + 1]
-            first, second, above = (
-                sum(apart[k] * bells.plane[part, number, k : k + 1] for k in range(3))
-                for number in range(3)
-            )
-            bell = np.exp(-0.5 * (first * first + second * second)) - np.float32(LEFT)
-            bell *= (bell > 0.0) & (np.abs(above) <= 1.0)
-            for k in range(1 if grey else 3):
-                light = bell * bells.light[part, k : k + 1]
-                total[k] += np.bincount(index.ravel(), light.ravel(), total.shape[1])
-    if grey:
+            x, y, xx, xy, yy, nearness, rise, rise_up, deep, *light = bells.take(part, axis=1)
+            x, y = x + side * steps[:, None], y + side * steps_up[:, None]
+            bell = (xy * x).astype(np.float32) + (yy * y).astype(np.float32)[:, None]
+            bell *= y.astype(np.float32)[:, None]
+            bell += (xx * x * x).astype(np.float32)
+            there = shown.take(index)
+            if not seen.view.is_parallel:
+                # What is farther away is wider than it looks here.
+                bell *= np.square(nearness / there, dtype=np.float32)
+            np.exp(bell, out=bell)
+            bell -= np.float32(LEFT)
+            np.maximum(bell, 0.0, out=bell)
+            there -= rise * x + (rise_up * y + nearness)[:, None]
+            bell *= np.abs(there, out=there) <= deep
+            for channel, colour in zip(sums, light, strict=False):
+                found = np.bincount(index.ravel(), (bell * colour).ravel(), shown.size)
+                channel += found.reshape(shown.shape)
+    if is_grey:
         total[1:] = total[0]
-    total = total.reshape(3, -1, wide)[:, border : border + height, border : border + width]
-    return np.moveaxis(total, 0, -1)
+    inner = np.s_[border : border + height, border : border + width]
+    return np.moveaxis(total[:, *inner], 0, -1)
 
 
-def _finer(total, coarse, points, normals) -> np.ndarray:
-    """Values of each other pixel for all pixels, of the nearest that lie in the pixel's plane."""
-    height, width = points.shape[:2]
-    found = np.zeros((height, width, 3))
-    for odd_row in (0, 1):
-        for odd_column in (0, 1):
-            some = np.s_[odd_row::2, odd_column::2]
-            place, normal = points[some], normals[some]
-            rows, columns = place.shape[:2]
-            out, shares = np.zeros(place.shape), np.zeros((rows, columns, 1))
-            for down in range(1 + odd_row):
-                for right in range(1 + odd_column):
-                    r = np.minimum(np.arange(rows) + down, len(total) - 1)[:, None]
-                    c = np.minimum(np.arange(columns) + right, total.shape[1] - 1)
-                    apart = coarse[r, c] - place
-                    above = np.abs(np.einsum("ijk,ijk->ij", apart, normal))
-                    length = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart))
-                    share = (above <= ALIKE * length)[..., None]
-                    out += share * total[r, c]
-                    shares += share
-            nearest = total[:rows, :columns]
-            found[some] = np.where(shares > 0.0, out / np.maximum(shares, 1.0), nearest)
+def _finer(coarse: np.ndarray, seen: Seen, side: int) -> np.ndarray:
+    """Values of each other pixel for all of these, of the nearest that lie in the pixel's plane.
+
+    Parameters
+    ----------
+    side : from one of these to the next, pixels of the picture.
+    """
+    nearness = np.pad(seen.nearness[::2, ::2], (0, 1), constant_values=BESIDE)
+    values = np.pad(coarse, ((0, 1), (0, 1), (0, 0)), mode="edge")
+    found = np.empty((*seen.nearness.shape, 3))
+    for odd in np.ndindex(2, 2):
+        some = np.s_[odd[0] :: 2, odd[1] :: 2]
+        place, rise, width = seen.nearness[some], seen.rise[some], seen.width[some]
+        rows, columns = place.shape
+        out, shares = np.zeros((rows, columns, 3)), np.zeros((rows, columns, 1))
+        for down, right in np.ndindex(1 + odd[0], 1 + odd[1]):
+            part = np.s_[down : down + rows, right : right + columns]
+            x, y = side * (2 * right - odd[1]), side * (2 * down - odd[0])
+            above = nearness[part] - place - x * rise[..., 0] - y * rise[..., 1]
+            share = (np.abs(above) <= ALIKE * np.hypot(x, y) * width)[..., None]
+            out += share * values[part]
+            shares += share
+        found[some] = np.where(shares > 0.0, out / np.maximum(shares, 1.0), values[:rows, :columns])
     return found

@@ -7,13 +7,14 @@ in every frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from ..rays.exits import pixel_rect
+from ...optics.vectors import perpendiculars
 from ..rays.lamps import lamp_is_normalised, lamp_power
+from ..read.viewpoint import Viewpoint
 
 LATTICE, LARGE_LATTICE = 3, 5
 """Places along either side of a lamp's lattice; of one that is seen larger than `LARGE`."""
@@ -80,7 +81,7 @@ class Emitter:
         """Two unit vectors (3,) along which places on it are counted, as seen from a target."""
         if self.is_sun or self.is_flat:
             return self.axes[:, 0], self.axes[:, 1]
-        return across(_unit(target - self.place))
+        return perpendiculars(_unit(target - self.place))
 
     def places(self, offsets: np.ndarray, target: np.ndarray) -> np.ndarray:
         """World places (S, 3) of offsets (S, 2) in half widths; of a sun unit directions to it."""
@@ -105,8 +106,9 @@ class Emitter:
 
     def eyes(
         self, places: np.ndarray, corners: np.ndarray, centre: np.ndarray, back: float
-    ) -> list[list[Eye]]:
-        """What each of its places (S, 3) looks through to see all corners (C, 3).
+    ) -> list[list[Viewpoint]]:
+        """Through what each of its places (S, 3) sees all corners (C, 3): one view, or the six
+        faces of a cube.
 
         Parameters
         ----------
@@ -114,20 +116,21 @@ class Emitter:
         """
         whole = np.array([(-1.0, -1.0), (1.0, 1.0)])
         if not self.is_sun and self._is_near(places, corners, centre):
-            return [[Eye(p, _turned(*face), whole, 1.0) for face in FACES] for p in places]
-        eyes = []
+            return [[_viewpoint(p, _turned(*face), whole) for face in FACES] for p in places]
+        poses, planes = [], []
         for place in places:
             if self.is_sun:
-                axes = _turned(-place, self.axes[:, 0])
-                eyes.append(Eye(centre + back * place, axes, whole, 1.0, is_parallel=True))
+                pose = centre + back * place, _turned(-place, self.axes[:, 0]), None
             else:
                 depth = float(np.linalg.norm(centre - place))
-                axes = _turned((centre - place) / depth, self.facing(centre)[0])
-                eyes.append(Eye(place, axes, whole, depth))
-        planes = [plane / ahead for plane, ahead in (eye.in_plane(corners) for eye in eyes)]
+                pose = place, _turned((centre - place) / depth, self.facing(centre)[0]), depth
+            poses.append(pose)
+            place, axes, depth = pose
+            local = (corners - place) @ axes
+            planes.append(local[:, :2] if depth is None else local[:, :2] * depth / local[:, 2:])
         # The same frame for all: a place in it is the same place among the glasses.
         frame = np.array([f(np.concatenate(planes), axis=0) for f in (np.min, np.max)])
-        return [[replace(eye, frame=frame)] for eye in eyes]
+        return [[_viewpoint(place, axes, frame, depth)] for place, axes, depth in poses]
 
     def _is_near(self, places, corners, centre) -> bool:
         """Whether glasses lie so far aside from the view to their middle that a cube is needed."""
@@ -140,49 +143,28 @@ class Emitter:
         return False
 
 
-@dataclass(frozen=True, eq=False)
-class Eye:
-    """A place that a lamp's light comes from, and the frame that its grid of pixels fills.
+def _viewpoint(
+    place: np.ndarray, axes: np.ndarray, frame: np.ndarray, depth: float | None = 1.0
+) -> Viewpoint:
+    """What is seen from a place (3,) in a frame, as one pixel.
 
-    Attributes
+    Parameters
     ----------
-    place : (3,) world. axes : (3, 3) unit columns: right, up, ahead.
+    axes : (3, 3) unit columns: right, up, ahead.
     frame : (2, 2) low and high corner in a plane across, metres right and up.
-    depth : metres ahead of the plane; of a parallel eye the plane is where its rays begin.
-    size : (width, height) of the grid.
+    depth : metres ahead of that plane; None: a parallel view.
     """
-
-    place: np.ndarray
-    axes: np.ndarray
-    frame: np.ndarray
-    depth: float
-    is_parallel: bool = False
-    size: tuple[int, int] = (1, 1)
-
-    def in_plane(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """World points (N, 3) as the eye sees them in its plane: (N, 2) metres times (N, 1)."""
-        local = (points - self.place) @ self.axes
-        ahead = np.ones((len(points), 1)) if self.is_parallel else local[:, 2:] / self.depth
-        return local[:, :2], ahead
-
-    def clip(self, points: np.ndarray) -> np.ndarray:
-        """Homogeneous coordinates (N, 3) in the frame; see `Viewpoint.clip`."""
-        plane, ahead = self.in_plane(points)
-        return np.hstack(((plane - ahead * self.frame[0]) / np.ptp(self.frame, axis=0), ahead))
-
-    def sees(self, corners: np.ndarray) -> bool:
-        """Whether a box with these corners may be in the frame."""
-        x0, y0, x1, y1 = pixel_rect(self, corners)
-        return x1 > x0 and y1 > y0
-
-    def cell(self) -> np.ndarray:
-        """(2, 3): the sides of a pixel in the plane, metres."""
-        return (self.axes[:, :2] * (np.ptp(self.frame, axis=0) / self.size)).T
-
-    def corner(self) -> np.ndarray:
-        """(3,) the frame's low corner, from the eye."""
-        ahead = 0.0 if self.is_parallel else self.depth
-        return self.axes @ (*self.frame[0], ahead)
+    to_camera, projection = np.eye(4), np.diag((0.0, 0.0, 1.0, 0.0))
+    to_camera[:3, :3] = (axes * (1.0, 1.0, -1.0)).T
+    to_camera[:3, 3] = -to_camera[:3, :3] @ place
+    size = np.ptp(frame, axis=0)
+    middle = frame.sum(axis=0) / size
+    projection[(0, 1), (0, 1)] = 2.0 * (1.0 if depth is None else depth) / size
+    if depth is None:
+        projection[:2, 3], projection[3, 3] = -middle, 1.0
+    else:
+        projection[:2, 2], projection[3, 2] = middle, -1.0
+    return Viewpoint(place, to_camera, projection, (1, 1), (0, 0, 1, 1), depth is None)
 
 
 def on_disc(places: np.ndarray) -> np.ndarray:
@@ -196,13 +178,6 @@ def on_disc(places: np.ndarray) -> np.ndarray:
     part = np.divide(np.where(steep, x, y), radius, out=np.zeros(len(x)), where=radius != 0.0)
     angle = np.where(steep, 0.5 * np.pi - 0.25 * np.pi * part, 0.25 * np.pi * part)
     return radius[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-
-
-def across(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors (3,) across a unit direction (3,) and each other."""
-    right = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    right /= np.linalg.norm(right)
-    return right, np.cross(right, direction)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...optics.vectors import dot, perpendiculars
 from ..progress import check
 from ..rays.caster import Caster
 from ..rays.columns import Columns, joined
@@ -29,7 +30,8 @@ from ..rays.exits import (
 )
 from ..rays.follow import Follower
 from ..rays.hits import Scene, Ways
-from .emitters import CELL, Emitter, Eye
+from ..read.viewpoint import Viewpoint
+from .emitters import CELL, Emitter
 
 MOST_SPREAD = 0.5
 """Of the glasses' size: what a cell's light spreads at most."""
@@ -79,28 +81,29 @@ class Grids:
     Attributes
     ----------
     each : (width, height) of a grid. side : places along either side of the lattice.
-    eyes : of all grids, row by row. shifts : (S, 2) of each place, in pixels.
+    views : of all grids, row by row. depth : (E,) metres before each where it sees the glasses;
+        of a cube's and of a sun's 1. shifts : (S, 2) of each place, in pixels.
     pixels : numbers, rising, of those that may see a glass.
     """
 
     each: tuple[int, int]
     side: int
-    eyes: list[Eye]
+    views: list[Viewpoint]
+    depth: np.ndarray
     shifts: np.ndarray
     pixels: np.ndarray
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the picture."""
-        return self.side * (self.each[0] + 1), len(self.eyes) // self.side * (self.each[1] + 1)
+        return self.side * (self.each[0] + 1), len(self.views) // self.side * (self.each[1] + 1)
 
     def stamp(self) -> tuple:
         """What its rays depend on."""
-        frames = [np.hstack((eye.place, eye.axes.ravel(), eye.frame.ravel())) for eye in self.eyes]
-        return self.each, self.side, self.eyes[0].is_parallel, np.array(frames).tobytes()
+        return self.side, *(view.stamp() for view in self.views)
 
     def places(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of places in the picture (N,): the numbers of their eyes, and places in these' grids."""
+        """Of places in the picture (N,): the numbers of their views, and places in these' grids."""
         (column, x), (row, y) = (
             np.divmod(part, size + 1) for part, size in zip((x, y), self.each, strict=True)
         )
@@ -108,16 +111,18 @@ class Grids:
 
     def rays(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World origins and unit directions (N, 3) of the rays through places in the picture."""
-        eye, x, y = self.places(x, y)
-        right, up = np.array([one.cell() for one in self.eyes]).transpose(1, 0, 2)
-        corner, place = (
-            np.array(part)[eye]
-            for part in zip(*((one.corner(), one.place) for one in self.eyes), strict=True)
-        )
-        point = corner + x[:, None] * right[eye] + y[:, None] * up[eye]
-        if self.eyes[0].is_parallel:
-            return place + point, np.array([one.axes[:, 2] for one in self.eyes])[eye]
-        return place, point / np.sqrt(np.einsum("nk,nk->n", point, point))[:, None]
+        number, x, y = self.places(x, y)
+        matrix = np.array([view.ray_matrix() for view in self.views])[number]
+        found = matrix[..., 3] + x[:, None] * matrix[..., 0] + y[:, None] * matrix[..., 1]
+        if self.views[0].is_parallel:
+            return found, np.array([view.forward for view in self.views])[number]
+        found /= np.sqrt(np.einsum("nk,nk->n", found, found))[:, None]
+        return np.array([view.eye for view in self.views])[number], found
+
+    def cells(self) -> np.ndarray:
+        """(E, 2, 3): the sides of each grid's pixels, among the glasses, metres."""
+        sides = np.array([view.ray_matrix()[:, :2].T for view in self.views])
+        return sides * self.depth[:, None, None]
 
     def by_place(self) -> tuple[np.ndarray, tuple[int, int]]:
         """Numbers (N,) of the pixels, and the size, of a picture where beside each lies the same
@@ -127,7 +132,7 @@ class Grids:
         eye, x, y = self.places(x, y)
         row, column = np.divmod(eye, self.side)
         face, row = np.divmod(row, self.side)
-        faces = len(self.eyes) // self.side**2
+        faces = len(self.views) // self.side**2
         side = self.side + 1
         number = ((face * height + y) * side + row) * width * side + x * side + column
         return number, (width * side, faces * height * side)
@@ -150,23 +155,28 @@ def grids(emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float) -> 
     steps = (2.0 * np.arange(side) + 1.0) / (2.0 * side) - 0.5
     shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     faces = list(zip(*emitter.eyes(places, corners, centre, back), strict=True))
-    wide, high = np.ptp(faces[0][0].frame, axis=0)
+    across = faces[0][0].projection
     # Of the faces of a cube some see no glass.
-    used = sum(any(face[0].sees(box) for box in boxes) for face in faces)
+    seen = [[pixel_rect(face[0], box) for box in boxes] for face in faces]
+    used = sum(any(x1 > x0 and y1 > y0 for x0, y0, x1, y1 in rects) for rects in seen)
     each = rays / (len(places) * max(used, 1))
-    width = max(MARGIN_PX, int(np.sqrt(each * wide / high)))
+    width = max(MARGIN_PX, int(np.sqrt(each * across[1, 1] / across[0, 0])))
     height = max(MARGIN_PX, int(each / width))
     # The margin that neighbours and shifts need lies round what the corners take.
     size = np.array((width, height)) + 2 * MARGIN_PX
-    around = 1.0 if len(faces) > 1 else size / (width, height)
-    eyes, rects = [], []
-    for number, eye in enumerate(eye for face in faces for eye in face):
-        middle, shift = eye.frame.mean(axis=0), shifts[number % len(places)] / size
-        frame = middle + around * (eye.frame - middle + shift * np.ptp(eye.frame, axis=0))
-        eyes.append(replace(eye, frame=frame, size=tuple(size.tolist())))
-        begin = np.array(divmod(number, side))[::-1] * (size + 1)
-        rects += [np.tile(begin, 2) + pixel_rect(eyes[-1], box) for box in boxes]
-    found = Grids(eyes[0].size, side, eyes, shifts, np.zeros(0, np.intp))
+    around = np.ones(2) if len(faces) > 1 else size / (width, height)
+    size = tuple(size.tolist())
+    views, rects = [], []
+    for number, view in enumerate(view for face in faces for view in face):
+        projection, moved = view.projection.copy(), 2.0 * shifts[number % len(places)] / size
+        projection[:2] = projection[:2] / around[:, None] - np.outer(moved, projection[3])
+        views.append(replace(view, projection=projection, size=size, window=(0, 0, *size)))
+        begin = np.array(divmod(number, side))[::-1] * np.add(size, 1)
+        rects += [np.tile(begin, 2) + pixel_rect(views[-1], box) for box in boxes]
+    depth = np.array([np.linalg.norm(centre - view.eye) for view in views])
+    if views[0].is_parallel or len(faces) > 1:
+        depth = np.ones(len(views))
+    found = Grids(views[0].size, side, views, depth, shifts, np.zeros(0, np.intp))
     return replace(found, pixels=grid(rects, found.size))
 
 
@@ -187,13 +197,12 @@ def follow_light(
     beside = replace(rays, pixel=grids.by_place()[0])
     sides = neighbours(rays, grids.size), neighbours(beside, grids.by_place()[1])
     number, _, _ = grids.places(x, y)
-    cells = np.array([eye.cell() for eye in grids.eyes])
+    cells = grids.cells()
     share = np.linalg.norm(np.cross(cells[:, 0], cells[:, 1]), axis=1)[number]
-    if not grids.eyes[0].is_parallel:
+    if not grids.views[0].is_parallel:
         # Steradians of a pixel: farther aside it is smaller.
-        ahead, depth = zip(*((eye.axes[:, 2], eye.depth) for eye in grids.eyes), strict=True)
-        cosine = np.einsum("nk,nk->n", directions, np.array(ahead)[number])
-        share = share * cosine**3 / np.array(depth)[number] ** 2
+        ahead = np.array([view.forward for view in grids.views])[number]
+        share *= np.einsum("nk,nk->n", directions, ahead) ** 3 / grids.depth[number] ** 2
     share *= emitter.sent(directions) / grids.side**2
     ways = rays.ways
     flux = share[ways.ray]
@@ -208,12 +217,12 @@ def follow_light(
     for some in np.array_split(on, -(-len(on) // BLOCK) or 1):
         check()
         ground = _Ground(ways, origin, direction, some, scene, shift, MOST_SPREAD * reach)
-        cell = cells[..., number[some]]
+        cell = cells.take(number[some], axis=2)
         moves = ground.moves(sides, cell)
         moves[:2] *= narrow
         bell = _axes(CELL * softness * moves, ground.normal)
         spread, area = (
-            np.sqrt(_dot(first, first) * _dot(second, second)) for first, second in (bell, cell)
+            np.sqrt(dot(first, first) * dot(second, second)) for first, second in (bell, cell)
         )
         strength = np.abs(ways.weight[some]) * area * (CELL * softness) ** 2
         strength /= np.maximum(spread, LEAST_LENGTH)
@@ -278,8 +287,8 @@ class _Ground:
 
     def _shadow(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (3, K) as the ways cast them on their planes."""
-        direction = self._direction[:, self._on]
-        along, across = _dot(direction, self.normal), _dot(vectors, self.normal)
+        direction = self._direction.take(self._on, axis=1)
+        along, across = dot(direction, self.normal), dot(vectors, self.normal)
         return self._limited(vectors - direction * (across / np.minimum(along, -LEAST_SINE)))
 
     def _moved(self, sides: Neighbours, axis: int, other: np.ndarray, cells=None) -> np.ndarray:
@@ -292,8 +301,10 @@ class _Ground:
             partner = partners[self._on]
             there = partner >= 0
             partner = np.where(there, partner, self._on)
-            origin, direction = self._origin[:, partner], self._direction[:, partner]
-            along, above = _dot(direction, self.normal), _dot(origin - self.point, self.normal)
+            origin, direction = (
+                part.take(partner, axis=1) for part in (self._origin, self._direction)
+            )
+            along, above = dot(direction, self.normal), dot(origin - self.point, self.normal)
             meets = there & (along < -LEAST_SINE) & (above > 0.0)
             way = above / np.where(meets, -along, 1.0)
             apart = origin + way * direction - self.point
@@ -306,23 +317,17 @@ class _Ground:
         return self._limited(np.where(count > 0.0, total / np.maximum(count, 1.0), other))
 
     def _limited(self, vectors: np.ndarray) -> np.ndarray:
-        length = np.sqrt(_dot(vectors, vectors))
+        length = np.sqrt(dot(vectors, vectors))
         return vectors * np.minimum(1.0, self._most / np.maximum(length, LEAST_LENGTH))
 
 
 def _axes(moves: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Axes (3, K) of the bells that cells with these sides (4, 3, K) make together."""
-    first = np.cross(normal.T, np.eye(3)[np.abs(normal).argmin(axis=0)]).T
-    first /= np.maximum(np.sqrt(_dot(first, first)), LEAST_LENGTH)
-    second = np.cross(normal.T, first.T).T
-    x, y = (np.stack([_dot(move, axis) for move in moves]) for axis in (first, second))
+    first, second = perpendiculars(normal)
+    x, y = (np.stack([dot(move, axis) for move in moves]) for axis in (first, second))
     (long, short), turn = ellipse((x * x).sum(axis=0), (x * y).sum(axis=0), (y * y).sum(axis=0))
     cosine, sine = np.cos(turn), np.sin(turn)
     return long * (cosine * first + sine * second), short * (cosine * second - sine * first)
-
-
-def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
 
 
 def ellipse(xx, xy, yy):

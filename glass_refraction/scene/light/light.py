@@ -19,7 +19,7 @@ from ..rays.curtain import BLOCK_PX, looked_up
 from ..rays.follow import CONTACT, Follower, Kept
 from ..rays.hits import Scene, Views
 from ..rays.views import RadianceView
-from .density import BESIDE, Seen, density
+from .density import Seen, density
 from .emitters import Emitter
 from .landed import follow_light, grids
 
@@ -89,13 +89,16 @@ def light_maps(
     is_lamp = np.array([look.is_lamp for look in things.looks], bool)[things.surface]
     caster = _PastLamps(scene.caster, is_lamp, skin)
     # In large steps: ways are kept while it stays, though things move.
-    back = reach * 2.0 ** np.ceil(np.log2(1.0 + _farthest(things.points, middle) / reach))
+    farthest = (
+        np.linalg.norm(np.abs(things.box() - middle).max(axis=0)) if things.points.size else 0.0
+    )
+    back = reach * 2.0 ** np.ceil(np.log2(1.0 + farthest / reach))
 
     seen = {}
     for number, view in enumerate(views):
         if view is not None and not view.sky_only:
             used = looked_up(view, places[number]) if number else None
-            seen[number] = _seen(view, used, scene, caster, middle)
+            seen[number] = _seen(view, used, scene, caster)
     names = {emitter.name for emitter in settings.emitters}
     kept.lamps = {name: known for name, known in kept.lamps.items() if name in names}
     for emitter in settings.emitters:
@@ -116,22 +119,11 @@ def _shape(view: RadianceView | None) -> tuple[int, int, int]:
     return y1 - y0, x1 - x0, 3
 
 
-def _farthest(points: np.ndarray, middle: np.ndarray) -> float:
-    """Metres from the middle to the farthest corner of a box round all points."""
-    if not len(points):
-        return 0.0
-    box = np.array((points.min(axis=0), points.max(axis=0))) - middle
-    return float(np.linalg.norm(np.abs(box).max(axis=0)))
-
-
-def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps, middle: np.ndarray) -> Seen:
+def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps) -> Seen:
     """What the middles of a picture's pixels show, of those that are looked up."""
     check()
-    shape = _shape(view)
-    (height, width, _), (x0, y0, *_) = shape, view.picture
-    y, x = np.divmod(np.arange(width * height), width)
-    points = np.full((len(x), 3), BESIDE, np.float32)
-    normals = np.zeros((len(x), 3), np.float32)
+    x0, y0, x1, y1 = view.picture
+    y, x = np.divmod(np.arange((x1 - x0) * (y1 - y0)), x1 - x0)
     x, y = x + x0, y + y0
     pixel = (
         np.arange(len(x)) if used is None else np.flatnonzero(used[y // BLOCK_PX, x // BLOCK_PX])
@@ -139,9 +131,8 @@ def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps, middle: np
     origins, directions = view.rays(np.stack((x[pixel] + 0.5, y[pixel] + 0.5), axis=1))
     way, triangle = caster.cast(origins, directions)
     met = np.flatnonzero(triangle >= 0)
-    origins, directions, pixel = origins[met], directions[met], pixel[met]
-    points[pixel] = origins + way[met, None] * directions - middle
+    origins, directions = origins[met], directions[met]
     normal = scene.normals[triangle[met]]
     side = np.sign(np.einsum("nk,nk->n", normal, directions))
-    normals[pixel] = -side[:, None] * normal
-    return Seen(view, used, middle, points.reshape(shape), normals.reshape(shape))
+    points = origins + way[met, None] * directions
+    return Seen.of(view, used, pixel[met], points, -side[:, None] * normal)

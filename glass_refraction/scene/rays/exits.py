@@ -9,6 +9,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from ...optics.vectors import perpendiculars
 from ..read.viewpoint import Viewpoint
 from .columns import joined
 from .follow import Follower, way_codes
@@ -385,9 +386,7 @@ def _bell_in_cone(sun: Sun, direction, first, second) -> np.ndarray:
     direction, first, second : (n, 3) the cone's axis, and its bell's axes.
     """
     towards = np.array(sun.towards)
-    right = np.cross(towards, np.eye(3)[np.argmin(np.abs(towards))])
-    right /= np.linalg.norm(right)
-    frame = np.stack((right, np.cross(towards, right)), axis=1)
+    frame = np.stack(perpendiculars(towards), axis=1)
     ox, oy = ((towards - direction) @ frame).T
     (ax, ay), (bx, by) = ((axis @ frame).T for axis in (first, second))
     square = max(1.0 - sun.cosine**2, 0.0)

@@ -11,6 +11,7 @@ import scenes
 from glass_refraction.optics import fresnel
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.light import density as densities
 from glass_refraction.scene.light.density import Seen, density
 from glass_refraction.scene.light.landed import Landed
 from glass_refraction.scene.memory import counters
@@ -413,9 +414,10 @@ def _on_a_floor(landed, width=64):
     )
     row, column = np.mgrid[:width, :width]
     points = np.stack(((column + 0.5) / width - 0.5, (row + 0.5) / width - 0.5, 0.0 * row), -1)
-    normals = np.broadcast_to(np.float32((0.0, 0.0, 1.0)), points.shape)
+    points = points.reshape(-1, 3)
+    normals = np.broadcast_to((0.0, 0.0, 1.0), points.shape)
     counters["bells"] = counters["bell_pixels"] = 0
-    seen = Seen(view, None, np.zeros(3), points.astype(np.float32), normals)
+    seen = Seen.of(view, None, np.arange(len(points)), points, normals)
     return density(landed, seen, 0.4), counters["bells"], counters["bell_pixels"]
 
 
@@ -459,6 +461,36 @@ def test_even_light_is_even(apart):
     expected = 1.0 / len(places) / (apart * sigma) ** 2
     assert middle.mean() == pytest.approx(expected, rel=2e-3)
     assert np.abs(middle / expected - 1.0).max() < 5e-3
+
+
+@pytest.mark.parametrize("is_parallel", [False, True])
+@pytest.mark.parametrize("tilt", [0.0, 1.0])
+def test_a_wide_bell_is_round_on_its_floor_from_near_by(monkeypatch, tilt, is_parallel):
+    """Perspective widens what is farther away; what each pixel shows is a Gauss bell's place."""
+    monkeypatch.setattr(densities, "FINEST_PX", 100.0)
+    width, sigma, away = 64, 0.05, 0.3
+    to_camera, projection = np.eye(4), np.diag((2.0, 2.0, 1.0, 0.0))
+    forward = np.array((0.0, np.sin(tilt), -np.cos(tilt)))
+    to_camera[:3, :3] = (1.0, 0.0, 0.0), (0.0, np.cos(tilt), np.sin(tilt)), -forward
+    to_camera[2, 3] = -away
+    projection[3] = (0.0, 0.0, 0.0, 1.0) if is_parallel else (0.0, 0.0, -1.0, 0.0)
+    frame = (0, 0, width, width)
+    eye = -away * forward
+    view = RadianceView(eye, to_camera, projection, frame[2:], frame, frame, 0.1, is_parallel)
+    row, column = np.mgrid[:width, :width].reshape(2, -1) + 0.5
+    origins, directions = view.rays(np.stack((column, row), axis=1))
+    points = origins - directions * (origins[:, 2:] / directions[:, 2:])
+    met = np.flatnonzero(directions[:, 2] < 0.0)
+    normals = np.broadcast_to((0.0, 0.0, 1.0), (len(met), 3))
+    seen = Seen.of(view, None, met, points[met], normals)
+    found = density(_landed(1, sigma, sigma, (0.0, 0.0, 0.0)), seen, 0.01)[..., 0].ravel()
+    aside, wide = np.linalg.norm(points, axis=1), densities.WIDTH * sigma
+    # Farther out its picture ends.
+    middle = np.flatnonzero(aside < 1.5 * sigma)
+    bell = np.exp(-0.5 * (aside[middle] / wide) ** 2) - densities.LEFT
+    expected = bell / (2.0 * np.pi * densities.WITHIN * wide**2)
+    assert len(middle) > 30
+    np.testing.assert_allclose(found[middle], expected, rtol=0.01)
 
 
 @pytest.mark.parametrize("long", [0.3, 10.0, 1e4])
