@@ -25,6 +25,7 @@ from .columns import Columns, joined
 from .hits import Ways
 from .meshes import GlassMeshes
 from .moved import Boxes, Known
+from .sketches import Sketches
 from .things import Things
 
 Band = tuple[tuple[float, float, float], list[optics.Placed]]
@@ -106,7 +107,7 @@ class Block(NamedTuple):
             return block
         margin += NEAR * np.abs(ways.origin).max()
         # What ends nowhere ends beyond all boxes.
-        bounds = np.concatenate((boxes.corners.reshape(-1, 3), ways.origin))
+        bounds = np.concatenate((boxes.corners().reshape(-1, 3), ways.origin))
         way = np.minimum(ways.distance, np.linalg.norm(np.ptp(bounds, axis=0)))
         end = ways.origin + way[:, None] * ways.direction
         again = boxes.touched(margin, ways.origin, end)
@@ -133,12 +134,14 @@ class Kept:
     eye : stamp of where rays begin. glasses : stamps of these and of how they are followed.
     known : what rays met.
     parts : least weight and places -> blocks one behind another in the picture.
+    sketches : what views showed.
     """
 
     eye: tuple = ()
     glasses: tuple = ()
     known: Known | None = None
     parts: dict[tuple[float, bytes], list[Block]] = field(default_factory=dict)
+    sketches: Sketches = field(default_factory=Sketches)
 
     def match(self, eye: tuple, glasses: tuple, known: Known, margin: float, apart: bool) -> None:
         """Forget what was found for another eye, other glasses and where things moved.
@@ -153,9 +156,10 @@ class Kept:
         if (eye, glasses) != (self.eye, self.glasses):
             self.eye, self.glasses = eye, glasses
             self.parts.clear()
-        if not self.parts:
+        if old is None:
             return
         boxes, number = old.moved_to(known)
+        self.sketches.next_frame(boxes, number, margin)
         for key, blocks in self.parts.items():
             left = (block.still(boxes, number, margin, apart) for block in blocks)
             self.parts[key] = [block for block in left if len(block.pixels)]

@@ -42,8 +42,17 @@ class Known:
         boxes : round all triangles that only one of both has.
         number : (T,) of each triangle in the other frame, −1 where it has none that is the same.
         """
-        number, new = _places(self._code, other._code), _places(other._code, self._code) < 0
-        return Boxes.round(np.concatenate((self.corners[number < 0], other.corners[new]))), number
+        number = np.full(len(self._code), -1)
+        count = min(len(number), len(other._code))
+        same = np.flatnonzero(self._code[:count] == other._code[:count])
+        number[same] = same
+        gone, new = np.flatnonzero(number < 0), np.delete(np.arange(len(other._code)), same)
+        # Others have come or gone before some.
+        place = _places(self._code[gone], other._code[new])
+        number[gone[place >= 0]] = new[place[place >= 0]]
+        new = new[_places(other._code[new], self._code[gone]) < 0]
+        gone = gone[place < 0]
+        return Boxes.round(np.concatenate((self.corners[gone], other.corners[new]))), number
 
 
 def _places(codes: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -88,12 +97,11 @@ class Boxes:
     def __len__(self) -> int:
         return len(self.bounds)
 
-    @property
-    def corners(self) -> np.ndarray:
-        """(B, 8, 3) in the world."""
-        return np.stack([np.stack(np.meshgrid(*b.T), -1).reshape(-1, 3) for b in self.bounds]) @ (
-            self.axes
-        )
+    def corners(self, margin: float = 0.0) -> np.ndarray:
+        """(B, 8, 3) in the world, of boxes larger by so many metres."""
+        wide = self.bounds + np.array((-margin, margin))[:, None]
+        boxes = [np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3) for box in wide]
+        return np.array(boxes).reshape(-1, 8, 3) @ self.axes
 
     def touched(self, margin: float, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """(S,) which stretches, from begin to end (S, 3), come into a box; there is one at least.
