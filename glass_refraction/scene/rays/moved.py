@@ -15,6 +15,9 @@ from .things import Things
 BOXES = 8
 """Boxes in which all that moved lies: more would fit it better and take longer to look through."""
 
+MEASURED = 10_000
+"""Corners that tell along which axes boxes lie."""
+
 
 class Known:
     """Triangles of a frame as the next frame knows them again.
@@ -86,13 +89,16 @@ class Boxes:
         if not len(corners):
             return NOWHERE
         places = corners.reshape(-1, 3)
-        apart = places - places.mean(axis=0)
+        some = places[:: max(1, len(places) // MEASURED)]
+        some = some - some.mean(axis=0)
         # The longest axis is the last: a slender thing that leans fills its boxes.
-        axes = np.linalg.eigh(apart.T @ apart)[1].T
-        along = corners @ axes.T
-        order = np.argsort(along[..., 2].mean(axis=1), kind="stable")
-        runs = np.array_split(along[order], min(BOXES, len(order)))
-        return Boxes(axes, np.array([(r.min(axis=(0, 1)), r.max(axis=(0, 1))) for r in runs]))
+        axes = np.linalg.eigh(some.T @ some)[1].T
+        along = (places @ axes.T).reshape(-1, 3, 3)
+        order = np.argsort(along[:, 0, 2], kind="stable")
+        runs = np.array_split(along[order].reshape(-1, 9), min(BOXES, len(order)))
+        bounds = [(run.min(axis=0), run.max(axis=0)) for run in runs]
+        low, high = np.moveaxis(np.array(bounds).reshape(-1, 2, 3, 3), 1, 0)
+        return Boxes(axes, np.stack((low.min(axis=1), high.max(axis=1)), axis=1))
 
     def __len__(self) -> int:
         return len(self.bounds)
