@@ -234,24 +234,25 @@ class Scene:
         """What the middles of a view's pixels meet."""
         return self._sketches.of(view, self.things, self.normals, self.caster)
 
-    def shows(self, view: RadianceView, hits: Hits, pixels: np.ndarray) -> np.ndarray:
-        """(K,) whether a view's picture shows hits at pixels (K, 2).
+    def shows(
+        self, view: RadianceView, hits: Hits, some: np.ndarray, pixels: np.ndarray
+    ) -> np.ndarray:
+        """(K,) whether a view's picture shows some hits, by their numbers, at pixels (K, 2).
 
         Beside silhouettes it takes a look: what its pixels' middles meet tells of all others.
         """
+        triangle = hits.triangle[some]
         if view.sky_only:
-            return hits.is_sky
-        length = np.where(hits.is_sky, np.inf, view.lengths(hits.point))
-        found, hidden = self.sketch(view).shows(pixels, hits.triangle, length)
+            return triangle < 0
+        length = np.where(triangle < 0, np.inf, view.lengths(hits.point[some]))
+        found, hidden = self.sketch(view).shows(pixels, triangle, length)
         left = np.flatnonzero(~(found | hidden))
-        found[left] = self.sees(view, hits.take(left))
+        found[left] = self.sees(view, hits.take(some[left]))
         return found
 
     def sees(self, view: RadianceView, hits: Hits) -> np.ndarray:
         """(K,) whether nothing stands between a view and the hits, which lie in its frame."""
         sky = hits.is_sky
-        if view.sky_only:
-            return sky
         origins, directions, lengths = view.sight(hits.point)
         if sky.any():
             origins, directions = origins.copy(), directions.copy()
@@ -313,7 +314,7 @@ def _choose(scene: Scene, views: dict[int, RadianceView], hits: Hits, rows, chos
             if not len(here):
                 continue
             at = judged[place][1][here]
-            seen = scene.shows(views[number], hits.take(here), at)
+            seen = scene.shows(views[number], hits, here, at)
             found, hidden = here[seen], here[~seen]
             chosen[rows[found]] = number
             pixels[rows[found]] = at[seen]

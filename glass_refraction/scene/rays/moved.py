@@ -60,10 +60,12 @@ class Known:
 
 def _places(codes: np.ndarray, others: np.ndarray) -> np.ndarray:
     """(T,) where each code is among others, −1 where it is not."""
+    if not len(others):
+        return np.full(len(codes), -1)
     order = np.argsort(others, kind="stable")
     at = np.minimum(np.searchsorted(others, codes, sorter=order), len(others) - 1)
-    found = order[at] if len(others) else np.full(len(codes), -1)
-    return np.where(others[found] == codes, found, -1) if len(others) else found
+    found = order[at]
+    return np.where(others[found] == codes, found, -1)
 
 
 def _bits(corners: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import scenes
 from glass_refraction.reference.cycles import scene_depsgraph
 from glass_refraction.scene import update as door
 from glass_refraction.scene.memory import counters, memory_of
-from glass_refraction.scene.rays import edges, exits, follow, hits, true
+from glass_refraction.scene.rays import edges, exits, follow, hits, sketches, true
 from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.moved import Boxes, Known
 from glass_refraction.scene.rays.things import Things
@@ -66,7 +66,7 @@ def test_a_frame_in_many_blocks_is_the_same_to_the_bit(monkeypatch, inside):
     frames = []
     for together in (100_000, 60):
         monkeypatch.setattr(follow, "TOGETHER", together)
-        for module in (hits, exits, edges):
+        for module in (hits, exits, edges, sketches):
             monkeypatch.setattr(module, "TOGETHER", 10 * together)
         door.forget()
         door.prepare(scene, scene_depsgraph(scene), strict=True)

@@ -128,7 +128,7 @@ def test_few_hits_have_rays_of_their_own_and_still_views_are_not_cast_again(monk
         def call(self, *arguments):
             within.append(name)
             if name == "shows":
-                counted["hits"] += len(arguments[1])
+                counted["hits"] += len(arguments[-1])
             try:
                 return function(self, *arguments)
             finally:
@@ -152,6 +152,6 @@ def test_few_hits_have_rays_of_their_own_and_still_views_are_not_cast_again(monk
         true.update(scene, depsgraph, read_viewpoint(scene, depsgraph))
         found.append(dict(counted))
     first, moved, still = found
-    assert 0 < first["shows"] < 0.3 * first["hits"]
+    assert 0 < first["shows"] < 0.2 * first["hits"]
     assert 0 < moved["look"] < 0.5 * first["look"]
     assert still.get("look", 0) == 0
