@@ -153,10 +153,14 @@ class Kept:
         """
         old, self.known = self.known, known
         glasses = (*glasses, apart)
+        if eye != self.eye:
+            # All views are others then.
+            self.sketches.now.clear()
         if (eye, glasses) != (self.eye, self.glasses):
             self.eye, self.glasses = eye, glasses
             self.parts.clear()
-        if old is None:
+        if not (self.parts or self.sketches.now):
+            self.sketches.last.clear()
             return
         boxes, number = old.moved_to(known)
         self.sketches.next_frame(boxes, number, margin)
