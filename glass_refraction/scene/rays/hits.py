@@ -49,8 +49,6 @@ BACK = 1.0
 """How far before surfaces an eye stands that sees them squarely, in their hits' spread."""
 TRIED = 4000
 """Ways that decide how well a place for a capture suits."""
-COMPARED = 8000
-"""Ways by which such places are compared."""
 GRAZING = 1.0 / 64.0
 """A view that meets a surface at so much less than the way does, by sines, shows only streaks."""
 JUDGED = 20_000
@@ -425,46 +423,42 @@ def _best_capture(
     kinds, kind = np.unique(ways.path, return_inverse=True)
     light = np.bincount(kind, ways.weight, len(kinds))
     groups = [np.flatnonzero(kind == k) for k in np.argsort(-light, kind="stable")[:KINDS]]
+    groups.append(np.arange(len(ways)))
     groups = [group[:: max(1, len(group) // TRIED)] for group in groups]
-    groups.append(np.arange(0, len(ways), max(1, len(ways) // COMPARED)))
     parts = [ways.take(group) for group in groups]
-    few, every = groups[-1], parts[-1]
     tried = [(virtual_eye(p.origin, p.direction, p.weight), p) for p in parts]
     # From where the light leaves the glass it sees what the exit rays see.
     tried += [(np.average(p.origin, axis=0, weights=p.weight), p) for p in parts]
-    tried += [(eye, every) for eye, part in tried if part is not every]
-    eyes = [_eye_before(hits.take(group), ways.weight[group]) for group in groups]
-    tried += [(eye, every) for eye in eyes if eye is not None]
-    some, begin = hits.take(few), shown[few]
 
     def gain(quality: np.ndarray) -> float:
-        # What lacks counts by its share: weights hold what each lacks already.
-        return float((every.weight * np.maximum(quality - begin, 0.0) / (1.0 - begin)).sum())
+        # What lacks counts by its share: ways.weight holds what each lacks already.
+        return float((ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum())
 
-    views = [_capture_from(eye, part, direct, aspect, near) for eye, part in tried]
-    judged = [(v, _quality(scene, v, some, spacing[few])) for v in views if v is not None]
+    views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, ways)]
+    eyes = [_eye_before(hits.take(group), ways.weight[group]) for group in groups]
+    views += [_capture_from(eye, ways, direct, aspect, near) for eye in eyes if eye is not None]
+    judged = [(v, _quality(scene, v, hits, spacing)) for v in views if v is not None]
     most = [gain(quality) for _, quality in judged]
-    best, view = 0.0, None
+    best, found = 0.0, None
     # No view adds more than if nothing hid its hits: most need no look.
     for number in np.argsort([-value for value in most], kind="stable"):
         if most[number] <= best:
             break
-        candidate, quality = judged[number]
-        added = gain(_seen(scene, candidate, some, quality))
-        if added > best:
-            best, view = added, candidate
-    if view is None:
+        view, quality = judged[number]
+        quality = _seen(scene, view, hits, quality)
+        if gain(quality) > best:
+            best, found = gain(quality), (view, quality)
+    if found is None:
         return None
-    quality = _seen(scene, view, hits, _quality(scene, view, hits, spacing))
     # No finer than the picture: what it shows takes fewer of its pixels then, and of its time.
-    worth, _ = scene.worth(view, hits, True)
-    fine = np.flatnonzero((quality > 0.0) & np.isfinite(spacing) & ~hits.is_sky)
+    worth, _ = scene.worth(found[0], hits, True)
+    fine = np.flatnonzero((found[1] > 0.0) & np.isfinite(spacing) & ~hits.is_sky)
     if not len(fine):
-        return view, quality
+        return found
     too_fine = weighted_median(worth[fine] * spacing[fine], ways.weight[fine])
     if too_fine <= 1.0:
-        return view, quality
-    view = view.opened(too_fine)
+        return found
+    view = found[0].opened(too_fine)
     return view, _seen(scene, view, hits, _quality(scene, view, hits, spacing))
 
 
