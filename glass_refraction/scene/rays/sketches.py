@@ -19,6 +19,8 @@ from .views import RadianceView
 
 STEP = 3.0
 """Distances in neighbouring pixels may differ by so many times what the surface's slope tells."""
+DIAGONAL = 1.5
+"""The same, of a hit and the four middles round it: they lie a pixel's diagonal apart at most."""
 LEAST_SINE = 0.1
 """Of the angle between sight and surface by which its slope is reckoned."""
 UNKNOWN = -2
@@ -93,7 +95,6 @@ class Sketch:
         width = self.triangle.shape[1]
         column, row = (np.floor(pixels - 0.5).astype(np.intp) - self.origin).T
         cell = row * width + column
-        corners = (0, 1, width, width + 1)
         asked = np.zeros(self.triangle.size, bool)
         asked[cell] = True
         for axis in range(2):
@@ -101,14 +102,18 @@ class Sketch:
         self.look(asked.reshape(self.triangle.shape))
         surface = self._things.surfaces(triangle)
         shown, hidden = np.ones(len(cell), bool), np.ones(len(cell), bool)
-        # Of the sky's middles and hits both lengths are infinite.
-        nearest, farthest = (self.far + sign * self.step for sign in (-1.0, 1.0))
-        for corner in corners:
+        nearest, farthest, least = (np.full(len(cell), k) for k in (np.inf, -np.inf, np.inf))
+        for corner in (0, 1, width, width + 1):
             there = cell + corner
-            far = farthest.take(there)
+            far, step = self.far.take(there), self.step.take(there)
             shown &= self.surface.take(there) == surface
-            shown &= (nearest.take(there) <= length) & (length <= far)
-            hidden &= far < length
+            hidden &= far + step < length
+            nearest, farthest = np.minimum(nearest, far), np.maximum(farthest, far)
+            # One steep middle tells that a fold's other side may be another part of the surface.
+            least = np.minimum(least, step)
+        least *= DIAGONAL / STEP
+        # Of the sky's middles and hits both lengths are infinite.
+        shown &= (length - least <= nearest) & (farthest <= length + least)
         return shown, hidden
 
     def still(self, boxes: Boxes, number: np.ndarray, margin: float) -> bool:
