@@ -14,18 +14,11 @@ from itertools import product
 import numpy as np
 
 from .hits import TOGETHER, Scene, Views
+from .sketches import MARGIN_PX, UNKNOWN, Sketch
 from .views import RadianceView
 
-STEP = 3.0
-"""Distances in neighbouring pixels may differ by so many times what the surface's slope tells."""
-LEAST_SINE = 0.1
-"""Of the angle between sight and surface by which its slope is reckoned."""
-UNKNOWN = -2
-"""In place of a surface's number, or of −1 for the sky: nobody asked."""
 AROUND = sorted(product((-1, 0, 1), repeat=2), key=lambda step: (np.abs(step).sum(), step))
 """Steps to a pixel and its neighbours, the nearest first."""
-MARGIN_PX = 2
-"""Pixels kept round what is drawn, so that no neighbour's neighbour lies outside."""
 
 
 def off_edges(scene: Scene, views: Views, view: np.ndarray, pixels: np.ndarray, surface) -> None:
@@ -44,7 +37,7 @@ def off_edges(scene: Scene, views: Views, view: np.ndarray, pixels: np.ndarray, 
         if not len(rows) or shown.sky_only:
             continue
         blocks = np.split(rows, range(TOGETHER, len(rows), TOGETHER))
-        seen = _Seen.by(scene, shown, (pixels[block] for block in blocks))
+        seen = _Seen.by(scene.sketch(shown), (pixels[block] for block in blocks))
         for block in blocks:
             pixels[block] = _moved(seen, shown, pixels[block], surface[block])
 
@@ -73,12 +66,11 @@ def _moved(seen: _Seen, view: RadianceView, pixels: np.ndarray, surface: np.ndar
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What a view's rays through the middles of its pixels meet, by row and column.
+    """What a view's pixels show, by row and column.
 
     Attributes
     ----------
-    origin : (2,) the frame's pixel in column and row 0.
-    surface : numbers, −1 for the sky, or `UNKNOWN`.
+    origin, surface : see `Sketch`.
     borders : for x and for y, beside which pixels something else is seen nearer or farther: before
         them (left, below) and after them.
     is_border : whether that is so on any side.
@@ -90,37 +82,18 @@ class _Seen:
     is_border: np.ndarray
 
     @staticmethod
-    def by(scene: Scene, view: RadianceView, lookups: Iterable[np.ndarray]) -> _Seen:
+    def by(sketch: Sketch, lookups: Iterable[np.ndarray]) -> _Seen:
         """What the neighbours of lookups (K, 2) show, of several bundles."""
-        origin = np.array(view.region[:2]) - MARGIN_PX
-        width, height = np.array(view.region[2:]) + MARGIN_PX - origin
-        asked = np.zeros((height, width), bool)
+        asked = np.zeros(sketch.surface.shape, bool)
         for pixels in lookups:
-            x, y = (np.floor(pixels).astype(np.intp) - origin).T
+            x, y = (np.floor(pixels).astype(np.intp) - sketch.origin).T
             asked[y, x] = True
         for axis in range(2):
             asked = _spread(asked, axis, MARGIN_PX)
-        number, far, step = (
-            np.full(asked.shape, none, kind)
-            for none, kind in ((UNKNOWN, np.int32), (np.inf, float), (0.0, float))
-        )
-        cells = np.flatnonzero(asked)
-        for block in np.split(cells, range(TOGETHER, len(cells), TOGETHER)):
-            row, column = np.divmod(block, width)
-            origins, directions = view.rays(np.stack((column, row), axis=1) + origin + 0.5)
-            distance, triangle = scene.caster.cast(origins, directions)
-            met = triangle >= 0
-            sine = np.ones(len(row))
-            normal = scene.normals[triangle[met]]
-            sine[met] = np.abs(np.einsum("nk,nk->n", directions[met], normal))
-            # Metres a pixel, there.
-            pixel = (1.0 if view.is_parallel else np.where(met, distance, 0.0)) / view.focal_px
-            number[row, column], far[row, column] = scene.things.surfaces(triangle), distance
-            step[row, column] = STEP * pixel / np.maximum(sine, LEAST_SINE)
-        borders = tuple(_borders(number, far, step, axis) for axis in (1, 0))
-        return _Seen(
-            origin, number, borders, np.logical_or.reduce([b for pair in borders for b in pair])
-        )
+        sketch.look(asked)
+        borders = tuple(_borders(sketch.surface, sketch.far, sketch.step, a) for a in (1, 0))
+        is_border = np.logical_or.reduce([side for pair in borders for side in pair])
+        return _Seen(sketch.origin, sketch.surface, borders, is_border)
 
     @staticmethod
     def at(picture: np.ndarray, cell: np.ndarray) -> np.ndarray:

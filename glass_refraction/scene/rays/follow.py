@@ -24,7 +24,8 @@ from .caster import Caster, cast_past
 from .columns import Columns, joined
 from .hits import Ways
 from .meshes import GlassMeshes
-from .moved import Known, touched
+from .moved import Boxes, Known
+from .sketches import Sketches
 from .things import Things
 
 Band = tuple[tuple[float, float, float], list[optics.Placed]]
@@ -84,8 +85,8 @@ class Block(NamedTuple):
         lost = self.lost.reshape(-1, count)
         return lost[np.searchsorted(self.pixels, pixels)].ravel()
 
-    def still(self, boxes: np.ndarray, number: np.ndarray, margin: float, apart: bool) -> Block:
-        """What it has that no thing changed which moved in boxes (B, 2, 3).
+    def still(self, boxes: Boxes, number: np.ndarray, margin: float, apart: bool) -> Block:
+        """What it has that no thing changed which moved in boxes.
 
         Where things stay apart from the glasses, ways must be looked at again that pass there; else
         whole pixels must, as soon as one of their rays passes there.
@@ -106,15 +107,15 @@ class Block(NamedTuple):
             return block
         margin += NEAR * np.abs(ways.origin).max()
         # What ends nowhere ends beyond all boxes.
-        bounds = np.concatenate((boxes.reshape(-1, 3), ways.origin))
+        bounds = np.concatenate((boxes.corners().reshape(-1, 3), ways.origin))
         way = np.minimum(ways.distance, np.linalg.norm(np.ptp(bounds, axis=0)))
         end = ways.origin + way[:, None] * ways.direction
-        again = touched(boxes, margin, ways.origin, end)
+        again = boxes.touched(margin, ways.origin, end)
         if apart:
             ways.distance[again] = np.nan
             return block
         margin += NEAR * np.abs(passed.ends[:, 0]).max(initial=0.0)
-        also = touched(boxes, margin, passed.ends[:, 0], passed.ends[:, 1])
+        also = boxes.touched(margin, passed.ends[:, 0], passed.ends[:, 1])
         stale = np.unique(np.concatenate((ways.ray[again], passed.ray[also])) // count)
         pixels = np.delete(self.pixels, stale)
         parts = []
@@ -133,12 +134,14 @@ class Kept:
     eye : stamp of where rays begin. glasses : stamps of these and of how they are followed.
     known : what rays met.
     parts : least weight and places -> blocks one behind another in the picture.
+    sketches : what views showed.
     """
 
     eye: tuple = ()
     glasses: tuple = ()
     known: Known | None = None
     parts: dict[tuple[float, bytes], list[Block]] = field(default_factory=dict)
+    sketches: Sketches = field(default_factory=Sketches)
 
     def match(self, eye: tuple, glasses: tuple, known: Known, margin: float, apart: bool) -> None:
         """Forget what was found for another eye, other glasses and where things moved.
@@ -150,12 +153,17 @@ class Kept:
         """
         old, self.known = self.known, known
         glasses = (*glasses, apart)
+        if eye != self.eye:
+            # All views are others then.
+            self.sketches.now.clear()
         if (eye, glasses) != (self.eye, self.glasses):
             self.eye, self.glasses = eye, glasses
             self.parts.clear()
-        if not self.parts:
+        if not (self.parts or self.sketches.now):
+            self.sketches.last.clear()
             return
         boxes, number = old.moved_to(known)
+        self.sketches.next_frame(boxes, number, margin)
         for key, blocks in self.parts.items():
             left = (block.still(boxes, number, margin, apart) for block in blocks)
             self.parts[key] = [block for block in left if len(block.pixels)]

@@ -189,7 +189,7 @@ def compute(
     centre, scale = _place_and_size(bodies, frame.view)
     casters.things.aim(frame.things, centre, scale)
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
-    scene = Scene(casters.things, frame.things, frame.sky, frame.capture_worth)
+    scene = Scene(casters.things, frame.things, frame.sky, frame.capture_worth, kept.sketches)
     direct = direct_view(frame.view, frame.region, frame.near)
     follower = _follower(frame, scene, bodies, meshes, kept)
     rays, views = _followed(frame, scene, direct, bodies, follower, scale, room)

@@ -10,6 +10,7 @@ import numpy as np
 
 from .caster import Caster
 from .columns import Columns, joined
+from .sketches import Sketch, Sketches
 from .sky import Sky
 from .things import Things
 from .views import WIDEST, RadianceView, aimed_view, squares, virtual_eye, weighted_median
@@ -153,13 +154,20 @@ class Scene:
 
     sky : what those see that meet nothing.
     capture_worth : how much a capture's resolution counts of the direct picture's.
+    sketches : what is known of views; of a frame that follows none, new ones.
     """
 
     def __init__(
-        self, caster: Caster, things: Things, sky: Sky, capture_worth: float = CAPTURE_WORTH
+        self,
+        caster: Caster,
+        things: Things,
+        sky: Sky,
+        capture_worth: float = CAPTURE_WORTH,
+        sketches: Sketches | None = None,
     ) -> None:
         self.caster, self.things, self.sky = caster, things, sky
         self.capture_worth = capture_worth
+        self._sketches = Sketches() if sketches is None else sketches
         a, b, c = (things.points[things.triangles[:, k]] for k in range(3))
         normals = np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -220,11 +228,29 @@ class Scene:
             worth[sky] = inside[sky] * view.focal_px
         return worth * (1.0 if direct else self.capture_worth), pixels
 
+    def sketch(self, view: RadianceView) -> Sketch:
+        """What the middles of a view's pixels meet."""
+        return self._sketches.of(view, self.things, self.normals, self.caster)
+
+    def shows(
+        self, view: RadianceView, hits: Hits, some: np.ndarray, pixels: np.ndarray
+    ) -> np.ndarray:
+        """(K,) whether a view's picture shows some hits, by their numbers, at pixels (K, 2).
+
+        Beside silhouettes it takes a look: what its pixels' middles meet tells of all others.
+        """
+        triangle = hits.triangle[some]
+        if view.sky_only:
+            return triangle < 0
+        length = np.where(triangle < 0, np.inf, view.lengths(hits.point[some]))
+        found, hidden = self.sketch(view).shows(pixels, triangle, length)
+        left = np.flatnonzero(~(found | hidden))
+        found[left] = self.sees(view, hits.take(some[left]))
+        return found
+
     def sees(self, view: RadianceView, hits: Hits) -> np.ndarray:
         """(K,) whether nothing stands between a view and the hits, which lie in its frame."""
         sky = hits.is_sky
-        if view.sky_only:
-            return sky
         origins, directions, lengths = view.sight(hits.point)
         if sky.any():
             origins, directions = origins.copy(), directions.copy()
@@ -285,10 +311,11 @@ def _choose(scene: Scene, views: dict[int, RadianceView], hits: Hits, rows, chos
             here = left[best == place]
             if not len(here):
                 continue
-            seen = scene.sees(views[number], hits.take(here))
+            at = judged[place][1][here]
+            seen = scene.shows(views[number], hits, here, at)
             found, hidden = here[seen], here[~seen]
             chosen[rows[found]] = number
-            pixels[rows[found]] = judged[place][1][found]
+            pixels[rows[found]] = at[seen]
             worth[hidden, place] = 0.0
             lacking.append(hidden)
         left = np.concatenate([left[:0], *lacking])

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...optics.exit_rays import meets_boxes
@@ -12,6 +14,9 @@ from .things import Things
 
 BOXES = 8
 """Boxes in which all that moved lies: more would fit it better and take longer to look through."""
+
+MEASURED = 10_000
+"""Corners that tell along which axes boxes lie."""
 
 
 class Known:
@@ -32,16 +37,25 @@ class Known:
             code = fold(code, part)
         self._code = code
 
-    def moved_to(self, other: Known) -> tuple[np.ndarray, np.ndarray]:
+    def moved_to(self, other: Known) -> tuple[Boxes, np.ndarray]:
         """What is different in another frame.
 
         Returns
         -------
-        boxes : (B, 2, 3) round all triangles that only one of both has.
+        boxes : round all triangles that only one of both has.
         number : (T,) of each triangle in the other frame, −1 where it has none that is the same.
         """
-        number, new = _places(self._code, other._code), _places(other._code, self._code) < 0
-        return _boxes(np.concatenate((self.corners[number < 0], other.corners[new]))), number
+        number = np.full(len(self._code), -1)
+        count = min(len(number), len(other._code))
+        same = np.flatnonzero(self._code[:count] == other._code[:count])
+        number[same] = same
+        gone, new = np.flatnonzero(number < 0), np.delete(np.arange(len(other._code)), same)
+        # Others have come or gone before some.
+        place = _places(self._code[gone], other._code[new])
+        number[gone[place >= 0]] = new[place[place >= 0]]
+        new = new[_places(other._code[new], self._code[gone]) < 0]
+        gone = gone[place < 0]
+        return Boxes.round(np.concatenate((self.corners[gone], other.corners[new]))), number
 
 
 def _places(codes: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -58,33 +72,67 @@ def _bits(corners: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(corners.reshape(-1, 9).T).view(np.int64)
 
 
-def _boxes(corners: np.ndarray) -> np.ndarray:
-    """(B, 2, 3): boxes round triangles (n, 3, 3), in runs along the longest side of all."""
-    if not len(corners):
-        return np.zeros((0, 2, 3))
-    middles = corners.mean(axis=1)
-    order = np.argsort(middles[:, np.ptp(middles, axis=0).argmax()], kind="stable")
-    runs = np.array_split(corners[order], min(BOXES, len(order)))
-    return np.array([(run.min(axis=(0, 1)), run.max(axis=(0, 1))) for run in runs])
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Boxes that lie along the main axes of what is in them.
 
-
-def touched(boxes: np.ndarray, margin: float, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(S,) which stretches, from begin to end (S, 3), come into a box (B, 2, 3), B ≥ 1.
-
-    ``margin``: metres by which boxes are larger.
+    Attributes
+    ----------
+    axes : (3, 3) rows, unit vectors in the world. bounds : (B, 2, 3) along these.
     """
-    found, some = np.zeros(len(begin), bool), slice(None)
-    # Most lie beside all of them.
-    for axis in range(3):
-        a, b = begin[some, axis], end[some, axis]
-        low, high = boxes[:, 0, axis].min() - margin, boxes[:, 1, axis].max() + margin
-        near = np.flatnonzero((np.minimum(a, b) <= high) & (np.maximum(a, b) >= low))
-        some = near if axis == 0 else some[near]
-    place, along = (np.ascontiguousarray(part[some].T, float) for part in (begin, end))
-    along -= place
-    for box in boxes:
-        met = meets_boxes(box[None], margin, place, along, np.ones(len(some)))
-        found[some[met]] = True
-        left = np.flatnonzero(~met)
-        some, place, along = some[left], columns(place, left), columns(along, left)
-    return found
+
+    axes: np.ndarray
+    bounds: np.ndarray
+
+    @staticmethod
+    def round(corners: np.ndarray) -> Boxes:
+        """Round triangles (n, 3, 3), in runs along their longest axis."""
+        if not len(corners):
+            return NOWHERE
+        places = corners.reshape(-1, 3)
+        some = places[:: max(1, len(places) // MEASURED)]
+        some = some - some.mean(axis=0)
+        # The longest axis is the last: a slender thing that leans fills its boxes.
+        axes = np.linalg.eigh(some.T @ some)[1].T
+        along = (places @ axes.T).reshape(-1, 3, 3)
+        order = np.argsort(along[:, 0, 2], kind="stable")
+        runs = np.array_split(along[order].reshape(-1, 9), min(BOXES, len(order)))
+        bounds = [(run.min(axis=0), run.max(axis=0)) for run in runs]
+        low, high = np.moveaxis(np.array(bounds).reshape(-1, 2, 3, 3), 1, 0)
+        return Boxes(axes, np.stack((low.min(axis=1), high.max(axis=1)), axis=1))
+
+    def __len__(self) -> int:
+        return len(self.bounds)
+
+    def corners(self, margin: float = 0.0) -> np.ndarray:
+        """(B, 8, 3) in the world, of boxes larger by so many metres."""
+        wide = self.bounds + np.array((-margin, margin))[:, None]
+        boxes = [np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3) for box in wide]
+        return np.array(boxes).reshape(-1, 8, 3) @ self.axes
+
+    def touched(self, margin: float, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """(S,) which stretches, from begin to end (S, 3), come into a box; there is one at least.
+
+        ``margin``: metres by which boxes are larger.
+        """
+        begin, end = begin @ self.axes.T, end @ self.axes.T
+        low, high = self.bounds[:, 0].min(axis=0) - margin, self.bounds[:, 1].max(axis=0) + margin
+        found, some = np.zeros(len(begin), bool), slice(None)
+        # Most lie beside all of them.
+        for axis in range(3):
+            a, b = begin[some, axis], end[some, axis]
+            near = (np.minimum(a, b) <= high[axis]) & (np.maximum(a, b) >= low[axis])
+            near = np.flatnonzero(near)
+            some = near if axis == 0 else some[near]
+        place, along = (np.ascontiguousarray(part[some].T) for part in (begin, end))
+        along -= place
+        for box in self.bounds:
+            met = meets_boxes(box[None], margin, place, along, np.ones(len(some)))
+            found[some[met]] = True
+            left = np.flatnonzero(~met)
+            some, place, along = some[left], columns(place, left), columns(along, left)
+        return found
+
+
+NOWHERE = Boxes(np.eye(3), np.zeros((0, 2, 3)))
+"""Nothing moved."""

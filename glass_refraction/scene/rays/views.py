@@ -54,6 +54,12 @@ class RadianceView:
     sky_only: bool = False
 
     @property
+    def stamp(self) -> tuple:
+        """The same for views that show the same of the same things."""
+        arrays = (self.eye, self.to_camera, self.projection)
+        return (*(array.tobytes() for array in arrays), self.size, self.region, self.near)
+
+    @property
     def forward(self) -> np.ndarray:
         """World direction (3,) into the scene."""
         return -self.to_camera[2, :3]
@@ -119,6 +125,14 @@ class RadianceView:
         directions = towards / np.maximum(length, 1e-300)[:, None]
         skipped = self.near / np.maximum(directions @ self.forward, 1e-6)
         return self.eye + directions * skipped[:, None], directions, length - skipped
+
+    def lengths(self, points: np.ndarray) -> np.ndarray:
+        """Metres (N,) to points (N, 3) from where the view begins to see, along its rays."""
+        towards = points - self.eye
+        ahead = towards @ self.forward
+        if self.is_parallel:
+            return ahead - self.near
+        return np.sqrt(squares(towards)) * (1.0 - self.near / np.maximum(ahead, LEAST_AHEAD))
 
     def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rays through places (N, 2) of the frame, from where the view begins to see: origins and

@@ -8,6 +8,7 @@ import pytest
 
 from glass_refraction.scene.rays.edges import off_edges
 from glass_refraction.scene.rays.hits import KNOWN
+from glass_refraction.scene.rays.sketches import Sketch
 from glass_refraction.scene.rays.things import Things
 from glass_refraction.scene.rays.views import RadianceView
 
@@ -34,7 +35,7 @@ class Card:
 def _scene(caster):
     normals = np.tile((0.0, 0.0, 1.0), (2, 1))
     things = Things(np.zeros((0, 3)), np.zeros((0, 3), int), np.array([CARD, WALL]), (), ())
-    return SimpleNamespace(caster=caster, things=things, normals=normals)
+    return SimpleNamespace(sketch=lambda view: Sketch(view, things, normals, caster))
 
 
 def _view():

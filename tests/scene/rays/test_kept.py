@@ -9,9 +9,9 @@ import scenes
 from glass_refraction.reference.cycles import scene_depsgraph
 from glass_refraction.scene import update as door
 from glass_refraction.scene.memory import counters, memory_of
-from glass_refraction.scene.rays import edges, exits, follow, hits, true
+from glass_refraction.scene.rays import edges, exits, follow, hits, sketches, true
 from glass_refraction.scene.rays.looks import Look
-from glass_refraction.scene.rays.moved import Known, touched
+from glass_refraction.scene.rays.moved import Boxes, Known
 from glass_refraction.scene.rays.things import Things
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.modifier_inputs import write_input
@@ -66,7 +66,7 @@ def test_a_frame_in_many_blocks_is_the_same_to_the_bit(monkeypatch, inside):
     frames = []
     for together in (100_000, 60):
         monkeypatch.setattr(follow, "TOGETHER", together)
-        for module in (hits, exits, edges):
+        for module in (hits, exits, edges, sketches):
             monkeypatch.setattr(module, "TOGETHER", 10 * together)
         door.forget()
         door.prepare(scene, scene_depsgraph(scene), strict=True)
@@ -215,7 +215,8 @@ def test_triangles_are_known_again_by_their_corners_and_owners():
     for soup in (things, other):
         rows = gone if soup is things else np.flatnonzero(np.isin(order, gone))
         for corners in soup.points[soup.triangles[rows]]:
-            inside = (corners >= boxes[:, None, 0]) & (corners <= boxes[:, None, 1])
+            along = corners @ boxes.axes.T
+            inside = (along >= boxes.bounds[:, None, 0]) & (along <= boxes.bounds[:, None, 1])
             assert inside.all(axis=(1, 2)).any()
     # The same triangles of another owner, or seen otherwise, are others.
     renamed = Things(points, other.triangles, other.surface, other.looks, ("one", "third"))
@@ -233,12 +234,14 @@ def _names(things):
 def test_stretches_touch_boxes_as_places_along_them_tell():
     random = np.random.default_rng(4)
     low = random.uniform(-1, 1, (5, 3))
-    boxes = np.stack((low, low + random.uniform(0.05, 0.4, (5, 3))), axis=1)
+    bounds = np.stack((low, low + random.uniform(0.05, 0.4, (5, 3))), axis=1)
+    axes, _ = np.linalg.qr(random.normal(size=(3, 3)))
     begin, end = random.uniform(-2, 2, (2, 3000, 3))
     end[:300, 0] = begin[:300, 0]
     end[300:400] = begin[300:400]
     margin = 0.05
-    found = touched(boxes, margin, begin, end)
+    # The same boxes and stretches, turned.
+    found = Boxes(axes, bounds).touched(margin, begin @ axes, end @ axes)
     steps = np.linspace(0, 1, 400)[:, None, None]
     for sign in (-1.0, 1.0):
         # Boxes a little smaller and a little larger than they are.
@@ -246,7 +249,7 @@ def test_stretches_touch_boxes_as_places_along_them_tell():
         inside = np.zeros(3000, bool)
         for some in np.array_split(np.arange(3000), 10):
             places = begin[some] + steps * (end - begin)[some]
-            for a, b in boxes:
+            for a, b in bounds:
                 within = ((places >= a - slack) & (places <= b + slack)).all(axis=2)
                 inside[some] |= within.any(axis=0)
         assert np.all(found | ~inside) if sign < 0 else np.all(inside | ~found)
