@@ -9,12 +9,25 @@ from glass_refraction.viewport import paint, views
 
 
 def test_samples_lie_evenly_in_the_pixel():
-    places = np.array([views._jitter(number) for number in range(views.SAMPLES)])
-    assert places.mean(axis=0) == pytest.approx((0.0, 0.0), abs=1e-12)
+    places = np.array([views._jitter(number) for number in range(1 + sum(views.ROUNDS))])
     assert np.abs(places).max() < 0.5
-    # Edges along rows and columns are smoothed by each: no two lie side by side.
     for axis in range(2):
-        assert np.diff(np.sort(places[:, axis])).min() > 0.09
+        # In nine rows and columns there is one each.
+        assert np.diff(np.sort(places[:, axis])) == pytest.approx(1.0 / len(places))
+    for count in np.cumsum((1, *views.ROUNDS)):
+        assert places[:count].mean(axis=0) == pytest.approx((0.0, 0.0), abs=1e-12)
+    # An edge along a row or a column is seen by the first round already.
+    assert (np.ptp(places[: 1 + views.ROUNDS[0]], axis=0) > 0.5).all()
+
+
+@pytest.mark.parametrize("count", [1, 16, 1000, 12345])
+def test_listed_pixels_lie_side_by_side(count):
+    column, row = paint._in_list(count)
+    assert column.max() < paint.LISTED
+    assert len(set(zip(column.tolist(), row.tolist(), strict=True))) == count
+    # In whole blocks, of which all but the last is full.
+    blocks = set(zip((column // paint.BLOCK).tolist(), (row // paint.BLOCK).tolist(), strict=True))
+    assert len(blocks) == -(-count // paint.BLOCK**2)
 
 
 class _Shown:
