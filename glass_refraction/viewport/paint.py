@@ -9,6 +9,7 @@ gizmos come on top of it as ever.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -282,11 +283,11 @@ class _Layer:
     def __init__(self) -> None:
         self.listed = self.places = None
         self.size = (0, 0)
-        self.divisor = 1
+        self.divisor = 1.0
         self.samples = 0
         self.colour = self.cover = self.target = None
 
-    def clear(self, size: tuple[int, int], divisor: int) -> None:
+    def clear(self, size: tuple[int, int], divisor: float) -> None:
         if self.size != size:
             self.size = size
             self.colour, self.cover, self.target = _target(size, "RGBA16F", "RGBA16F")
@@ -373,14 +374,16 @@ class Painter:
         """Whether no sample is half drawn."""
         return not self._strips
 
-    def begin(self, divisor: int, number: int) -> None:
+    def begin(self, divisor: float, number: int) -> None:
         """Start a layer anew, with a sample for ``divisor``² pixels of the view.
 
         What is shown stays what it was until `use` says so.
         """
-        width, height = self._view.size
         layer = self._layers[number]
-        layer.clear((-(-width // divisor), -(-height // divisor)), divisor)
+        width, height = (math.ceil(pixels / divisor) for pixels in self._view.size)
+        layer.clear(
+            (width, height) if divisor == 1.0 else (odd_size(width), odd_size(height)), divisor
+        )
         self._drawn, self._strips = layer, []
 
     def begin_edges(self, number: int, of: int) -> int:
@@ -436,7 +439,7 @@ class Painter:
         width, height = self._of.size
         column, row = _in_list(len(x))
         rows = odd_size(int(row.max(initial=0)) + 1)
-        layer.clear((LISTED, rows), 1)
+        layer.clear((LISTED, rows), 1.0)
         listed = np.full((rows, LISTED, 4), -1.0, np.float32)
         listed[row, column, 0], listed[row, column, 1] = x, y
         places = np.full((height, width), -1.0, np.float32)
@@ -469,9 +472,9 @@ class Painter:
             gpu.state.blend_set("NONE")
 
     @property
-    def divisor(self) -> int:
+    def divisor(self) -> float:
         """Pixels a side for a sample of what is shown; 0 before there is any."""
-        return self._used.divisor if self._used else 0
+        return self._used.divisor if self._used else 0.0
 
     @property
     def has_meshes(self) -> bool:
@@ -479,7 +482,7 @@ class Painter:
         return self._mesh is not None
 
     @property
-    def grid(self) -> tuple[tuple[int, int], int]:
+    def grid(self) -> tuple[tuple[int, int], float]:
         """Size in samples of the picture that is drawn now, or of which some pixels are, and pixels
         a side for each.
         """
@@ -515,7 +518,8 @@ class Painter:
             About how many were drawn.
         """
         if not self._strips:
-            self._strips = list(self._rects if self._drawn.listed is None else [WHOLE])
+            is_listed = self._drawn.listed is not None
+            self._strips = [WHOLE] if is_listed else [self._in_layer(r) for r in self._rects]
         if pixels is None:
             strips, self._strips = self._strips, []
         else:
@@ -539,7 +543,7 @@ class Painter:
             shader.uniform_sampler("tile_tx", self.direct.tiles)
             shader.uniform_sampler("capture_tx", captures[0])
             shader.uniform_sampler("reach_tx", captures[1])
-            shader.uniform_float("jitter", (*jitter, float(layer.divisor), 0.0))
+            shader.uniform_float("jitter", (*jitter, layer.divisor, 0.0))
             is_listed = layer.listed is not None
             shader.uniform_sampler("list_tx", layer.listed if is_listed else self._none)
             shader.uniform_sampler("known_tx", self._of.colour if is_listed else self._none)
@@ -570,6 +574,17 @@ class Painter:
         uniforms = [uniform for _, uniform in self._blocks[1:]]
         share = 1.0 / len(uniforms)
         return [(u, (*row, share)) for u, row in zip(uniforms, np.eye(3).tolist(), strict=True)]
+
+    def _in_layer(self, rect) -> tuple[float, float, float, float]:
+        """A part of the view as one of the layer that is drawn, whose samples may reach farther."""
+        if self._drawn.divisor == 1.0:
+            return rect
+        # And a sample more on each side, to smooth over.
+        sample = 2.0 / np.array(self._drawn.size)
+        part = 0.5 * sample * self._view.size / self._drawn.divisor
+        low = (np.array(rect[:2]) + 1.0) * part - 1.0 - sample
+        high = (np.array(rect[2:]) + 1.0) * part - 1.0 + sample
+        return (*np.maximum(low, -1.0).tolist(), *np.minimum(high, 1.0).tolist())
 
     def _area(self, rect) -> float:
         """Samples of a rectangle."""
@@ -632,7 +647,7 @@ class Painter:
         shader.uniform_int("lines", int(lines))
         shader.uniform_int("part", part)
         shader.uniform_float("backdrop", backdrop)
-        shader.uniform_float("divisor", float(self.divisor))
+        shader.uniform_float("divisor", self.divisor)
         for rect in self._rects:
             shader.uniform_float("box", rect)
             _quad().draw(shader)

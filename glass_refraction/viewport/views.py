@@ -63,8 +63,9 @@ WAYS, WAYS_MORE, WAYS_MOVING = 8, 4, 5
 while something moves."""
 SHARE_OF_REDRAW = 0.8
 """A moving picture may take this part of the time that the view's redraw takes without it."""
-MOST_PIXELS = 6
-"""A side, of which a moving picture has one sample at least."""
+MOST_PIXELS, PIXELS_STEP = 6.0, 0.25
+"""A side, of which a moving picture has one sample at least, and by how much that may change: for
+each a picture of its own is made."""
 LEAST_PIXELS = 2000
 """Of a slice of a sample: fewer tell nothing of the speed."""
 STRIP_PIXELS = 6000
@@ -423,12 +424,13 @@ def _displaced_version(view: _View) -> int:
     return -1 if view.displaced is None else view.displaced.things.version
 
 
-def _divisor(view: _View) -> int:
+def _divisor(view: _View) -> float:
     """Pixels a side of the view for one sample of a moving picture."""
     if view.speed == 0.0:
-        return 2
+        return 2.0
     affordable = max(1.0, SHARE_OF_REDRAW * view.plain_seconds * view.speed)
-    return int(np.clip(np.ceil(np.sqrt(view.painter.pixels / affordable)), 1, MOST_PIXELS))
+    steps = math.ceil(math.sqrt(view.painter.pixels / affordable) / PIXELS_STEP)
+    return min(max(PIXELS_STEP * steps, 1.0), MOST_PIXELS)
 
 
 def _sample(
@@ -686,7 +688,7 @@ def _work(view: _View, window, space, region) -> None:
             _describe(view, view.eye)
             # Into the layer that is not shown.
             view.layer = 3 - view.layer
-            painter.begin(1, view.layer)
+            painter.begin(1.0, view.layer)
             view.strip_speed = view.speed / MOST_GROWTH
             view.stage = FIRST
         elif view.stage == FIRST:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where the samples of a pixel lie, and how a view tells that its engine changed the picture."""
 
+from types import SimpleNamespace
+
 import bpy  # noqa: F401 - finds the module gpu, which paint imports
 import numpy as np
 import pytest
@@ -28,6 +30,34 @@ def test_listed_pixels_lie_side_by_side(count):
     # In whole blocks, of which all but the last is full.
     blocks = set(zip((column // paint.BLOCK).tolist(), (row // paint.BLOCK).tolist(), strict=True))
     assert len(blocks) == -(-count // paint.BLOCK**2)
+
+
+@pytest.mark.parametrize("pixels", [1, 5_000, 323_186])
+@pytest.mark.parametrize("speed", [1e4, 3e5, 1e8])
+def test_a_moving_picture_is_as_fine_as_it_can_be_in_its_time(pixels, speed):
+    view = SimpleNamespace(speed=speed, plain_seconds=0.1, painter=SimpleNamespace(pixels=pixels))
+    divisor, affordable = views._divisor(view), views.SHARE_OF_REDRAW * 0.1 * speed
+    assert 1.0 <= divisor <= views.MOST_PIXELS
+    if divisor < views.MOST_PIXELS:
+        assert pixels / divisor**2 <= affordable
+    if divisor > 1.0:
+        assert pixels / (divisor - views.PIXELS_STEP) ** 2 > affordable
+
+
+@pytest.mark.parametrize("divisor", [1.0, 1.25, 2.0, 3.75, 6.0])
+@pytest.mark.parametrize("rect", [(-1.0, -1.0, 1.0, 1.0), (-0.31, 0.2, 0.67, 0.93)])
+def test_samples_cover_the_part_of_the_view_that_they_are_of(divisor, rect):
+    view = np.array((1048, 693))
+    size = np.ceil(view / divisor)
+    painter = SimpleNamespace(
+        _drawn=SimpleNamespace(divisor=divisor, size=tuple(size)),
+        _view=SimpleNamespace(size=tuple(view)),
+    )
+    found = np.array(paint.Painter._in_layer(painter, rect)).reshape(2, 2)
+    seen = 0.5 * (found + 1.0) * size * divisor
+    wanted = np.minimum(0.5 * (np.array(rect).reshape(2, 2) + 1.0) * view, size * divisor)
+    spare = np.stack((wanted[0] - seen[0], seen[1] - wanted[1]))
+    assert (spare > -1e-6).all() and (spare < divisor + 1e-6).all()
 
 
 class _Shown:
