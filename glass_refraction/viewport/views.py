@@ -58,7 +58,7 @@ PLACES = (
 )
 """Of a pixel's samples, from its middle, in pixels: no two share a row or a column. After each
 round their mean is the middle."""
-WAYS, WAYS_MORE, WAYS_MOVING = 8, 3, 5
+WAYS, WAYS_MORE, WAYS_MOVING = 8, 3, 4
 """Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
 while something moves."""
 SHARE_OF_REDRAW = 0.8
