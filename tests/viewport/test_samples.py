@@ -14,7 +14,7 @@ def test_samples_lie_evenly_in_the_pixel():
     places = np.array([views._jitter(number) for number in range(1 + sum(views.ROUNDS))])
     assert np.abs(places).max() < 0.5
     for axis in range(2):
-        # In nine rows and columns there is one each.
+        # In as many rows and columns there is one each.
         assert np.diff(np.sort(places[:, axis])) == pytest.approx(1.0 / len(places))
     for count in np.cumsum((1, *views.ROUNDS)):
         assert places[:count].mean(axis=0) == pytest.approx((0.0, 0.0), abs=1e-12)
