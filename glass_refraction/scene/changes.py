@@ -9,6 +9,8 @@ closer only if it has grown.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import bpy
 
@@ -16,37 +18,40 @@ from .names import own
 
 _generations: Counter[int] = Counter()
 _shapes: Counter[int] = Counter()
-_expected: set[int] = set()
-_echoed: set[int] = set()
-"""Session uids of scenes: their next evaluation may tell of nothing new; their last one did."""
+_echoing: set[int] = set()
+"""Session uids of scenes whose evaluations tell of nothing new."""
 
 
-def expect_echo(scene: bpy.types.Scene) -> None:
-    """A setting was changed and put back: an evaluation will name the scene, and nothing else."""
-    _expected.add(scene.original.session_uid)
+@contextmanager
+def put_back(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> Iterator[None]:
+    """While a setting of the evaluated scene is changed and put back: that is no news.
+
+    Blender evaluates the scene for it. What is due before and after is evaluated here, so that
+    nothing that anyone else changes comes at the same time. To be called neither while drawing nor
+    from a handler.
+    """
+    uid = scene.original.session_uid
+    layer.update()
+    try:
+        yield
+    finally:
+        _echoing.add(uid)
+        try:
+            layer.update()
+        finally:
+            _echoing.discard(uid)
 
 
 def is_echo(scene: bpy.types.Scene) -> bool:
-    """Whether the last evaluation of a scene only tells of what `expect_echo` announced."""
-    return scene.original.session_uid in _echoed
-
-
-def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    uid = scene.original.session_uid
-    _echoed.discard(uid)
-    if uid in _expected:
-        _expected.discard(uid)
-        if all(isinstance(update.id, bpy.types.Scene) for update in depsgraph.updates):
-            _echoed.add(uid)
+    """Whether the evaluation that is told of is that of `put_back`."""
+    return scene.original.session_uid in _echoing
 
 
 def note(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Count an evaluation of the scene in which anything but the extension's own data changed.
-
-    It is called before anyone asks `is_echo` of that evaluation.
-    """
-    _hear(scene, depsgraph)
-    if not is_echo(scene) and any(not own(update.id) for update in depsgraph.updates):
+    """Count an evaluation of the scene in which anything but the extension's own data changed."""
+    if is_echo(scene):
+        return
+    if any(not own(update.id) for update in depsgraph.updates):
         _generations[scene.original.session_uid] += 1
     for update in depsgraph.updates:
         if update.is_updated_geometry and isinstance(update.id, bpy.types.Object):

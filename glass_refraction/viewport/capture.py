@@ -22,7 +22,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..optics.vectors import perpendiculars
-from ..scene.changes import expect_echo
+from ..scene.changes import put_back
 from .description import Frame, Posed
 from .eye import CAPTURES
 from .jobs import amends_depths, is_compiling
@@ -242,7 +242,7 @@ class Captures:
         if turned is not None:
             to_camera, projection = lit_as_beside(to_camera, projection, turned, near)
         amended = amends_depths(scene, space)
-        quick = _quickly(layer.depsgraph) if amended else nullcontext()
+        quick = _quickly(layer) if amended else nullcontext()
         with quick, _plainly(space, bpy.context.preferences):
             self._face.draw_view3d(
                 scene,
@@ -315,23 +315,24 @@ class Captures:
 
 
 @contextmanager
-def _quickly(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
+def _quickly(layer: bpy.types.ViewLayer) -> Iterator[None]:
     """While EEVEE draws a capture: few samples. The user's own setting is not touched.
 
     What EEVEE reads is the evaluated scene's, and to write that has Blender evaluate the scene.
     """
-    scene = depsgraph.scene_eval
+    scene = layer.depsgraph.scene_eval
     before = scene.eevee.taa_samples
     if before <= EEVEE_SAMPLES:
         # 0 is without end in a view, and one sample here.
         yield
         return
-    expect_echo(scene)
-    scene.eevee.taa_samples = EEVEE_SAMPLES
-    try:
-        yield
-    finally:
-        scene.eevee.taa_samples = before
+    with put_back(scene, layer):
+        settings = layer.depsgraph.scene_eval.eevee
+        settings.taa_samples = EEVEE_SAMPLES
+        try:
+            yield
+        finally:
+            settings.taa_samples = before
 
 
 @contextmanager

@@ -186,7 +186,7 @@ def _may_be_held(place: np.ndarray, mesh, one: Bending) -> bool:
     return float(np.linalg.norm(middle[:axes])) - stretch * mesh.radius < one.inner
 
 
-def _raster(view: tuple[int, int], size: tuple[int, int], jitter, divisor: int) -> np.ndarray:
+def _raster(view: tuple[int, int], size: tuple[int, int], jitter, divisor: float) -> np.ndarray:
     """(4, 4) from the view's clip space to a picture's of which a sample is some pixels wide."""
     matrix = np.eye(4)
     for axis in range(2):

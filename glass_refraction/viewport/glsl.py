@@ -88,6 +88,8 @@ void lose(vec4 light);
 bool covered(vec3 p);
 bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number);
 bool touches(vec3 p, vec3 d, vec4 light, int g, int number);
+/* The pixel of the picture that a sample is of. */
+ivec2 sampled = ivec2(0);
 """
 
 FOLLOW = (
@@ -1723,6 +1725,25 @@ bool touches(vec3 at, vec3 d, vec4 light, int g, int number)
 )
 
 MAIN = """
+/* What is shown of a sample, about as the eye weighs it: `glass` of it hides the direct picture,
+ * and the background lies behind both. */
+vec3 weighed(vec4 seen, float glass)
+{
+  vec4 shown = seen + (1.0 - glass) * texelFetch(direct_tx, sampled, 0);
+  vec3 whole = shown.rgb + max(1.0 - shown.a, 0.0) * backdrop.rgb;
+  return sqrt(clamp(whole, 0.0, 1.0));
+}
+
+/* The square of how far a sample of a listed pixel lies from the mean of those before. */
+float apart()
+{
+  vec4 known = texelFetch(known_tx, sampled, 0), counted = texelFetch(counted_tx, sampled, 0);
+  float count = max(counted.g, 1.0);
+  vec3 off = weighed(color, cover.r) - weighed(known / count, counted.r / count);
+  off *= band.rgb;
+  return max(max(off.r * off.r, off.g * off.g), off.b * off.b);
+}
+
 /* One sample of every pixel: the colour seen through the glass, and whether there is any. */
 void main()
 {
@@ -1733,6 +1754,7 @@ void main()
       discard;
     }
   }
+  sampled = ivec2(at);
   vec2 pixel = (at + jitter.xy) * jitter.z;
   vec3 p = view.plane.xyz + pixel.x * view.right.xyz + pixel.y * view.up.xyz;
   bool parallel = view.eye.w < 0.5;
@@ -1741,9 +1763,10 @@ void main()
   float ahead = -dot(p, d);
   float off = length(p + ahead * d);
   color = vec4(0.0);
-  /* Whether there is any glass, and how many samples the pixel has. */
+  /* Whether there is any glass, how many samples the pixel has, and how much these differ. */
   cover = vec4(0.0, 1.0, 0.0, 0.0);
   if (off > view.start.x) {
+    cover.b = is_listed != 0 ? apart() : 0.0;
     cover *= band.a;
     return;
   }
@@ -1759,6 +1782,9 @@ void main()
   else if (way < NOWHERE && splits == 0) {
     /* What only refracts is black where it would reflect totally. */
     color.a = cover.r = 1.0;
+  }
+  if (is_listed != 0) {
+    cover.b = apart();
   }
   color *= band;
   cover *= band.a;
@@ -2037,20 +2063,18 @@ void main()
 }
 """
 
-# The samples of a layer and of one that has pixels at its edges, side by side.
+# The samples of a layer of listed pixels, each where it belongs; they are added to what is there.
 SUM = """
 void main()
 {
-  ivec2 pixel = ivec2(gl_FragCoord.xy);
-  color = texelFetch(color_tx, pixel, 0);
-  cover = texelFetch(cover_tx, pixel, 0);
-  int place = int(texelFetch(place_tx, pixel, 0).r);
-  if (place >= 0) {
-    int width = textureSize(more_color_tx, 0).x;
-    ivec2 there = ivec2(place % width, place / width);
-    color += texelFetch(more_color_tx, there, 0);
-    cover += texelFetch(more_cover_tx, there, 0);
+  int place = int(texelFetch(place_tx, ivec2(gl_FragCoord.xy), 0).r);
+  if (place < 0) {
+    discard;
   }
+  int width = textureSize(more_color_tx, 0).x;
+  ivec2 there = ivec2(place % width, place / width);
+  color = texelFetch(more_color_tx, there, 0);
+  cover = texelFetch(more_cover_tx, there, 0);
 }
 """
 

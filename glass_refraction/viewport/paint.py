@@ -9,6 +9,7 @@ gizmos come on top of it as ever.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -282,11 +283,11 @@ class _Layer:
     def __init__(self) -> None:
         self.listed = self.places = None
         self.size = (0, 0)
-        self.divisor = 1
+        self.divisor = 1.0
         self.samples = 0
         self.colour = self.cover = self.target = None
 
-    def clear(self, size: tuple[int, int], divisor: int) -> None:
+    def clear(self, size: tuple[int, int], divisor: float) -> None:
         if self.size != size:
             self.size = size
             self.colour, self.cover, self.target = _target(size, "RGBA16F", "RGBA16F")
@@ -299,9 +300,11 @@ class _Layer:
 BLOCK, LISTED = 4, 1000
 """Pixels a side of blocks, and width of a layer, of listed pixels: they are drawn side by side, so
 that none is drawn in vain."""
-LAYERS = 5
-"""That a view has: one of what moves, and two pairs for pictures at rest, of their first sample and
-of further ones at edges; one pair is shown while the other is drawn."""
+LAYERS = 4
+"""That a view has: one of what moves; two of pictures at rest, of which one is shown while the
+other is drawn; and one of some pixels' further samples."""
+SPREAD = 0.05
+"""Of samples from their pixel's mean, see `glsl.MAIN`: those that lie farther off need more."""
 
 
 class Painter:
@@ -310,7 +313,9 @@ class Painter:
     def __init__(self) -> None:
         self.direct = Direct()
         self._layers = [_Layer() for _ in range(LAYERS)]
-        self._sum = _Layer()
+        self._listed = np.zeros((2, 0), np.intp)
+        self._of = self._layers[0]
+        """The layer to which further samples are added, and its pixels (x, y) that get them."""
         self._marks: tuple | None = None
         self._none = _texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
         self._used: _Layer | None = None
@@ -369,14 +374,16 @@ class Painter:
         """Whether no sample is half drawn."""
         return not self._strips
 
-    def begin(self, divisor: int, number: int) -> None:
+    def begin(self, divisor: float, number: int) -> None:
         """Start a layer anew, with a sample for ``divisor``² pixels of the view.
 
         What is shown stays what it was until `use` says so.
         """
-        width, height = self._view.size
         layer = self._layers[number]
-        layer.clear((-(-width // divisor), -(-height // divisor)), divisor)
+        width, height = (math.ceil(pixels / divisor) for pixels in self._view.size)
+        layer.clear(
+            (width, height) if divisor == 1.0 else (odd_size(width), odd_size(height)), divisor
+        )
         self._drawn, self._strips = layer, []
 
     def begin_edges(self, number: int, of: int) -> int:
@@ -387,7 +394,7 @@ class Painter:
         int
             How many they are.
         """
-        first, layer = self._layers[of], self._layers[number]
+        self._of = first = self._layers[of]
         width, height = first.size
         if self._marks is None or (self._marks[0].width, self._marks[0].height) != first.size:
             self._marks = _target(first.size, "R32F")
@@ -405,54 +412,69 @@ class Painter:
                 _quad().draw(shader)
             marks = np.asarray(target.read_color(0, 0, width, height, 1, 0, "FLOAT"))
         y, x = np.nonzero(marks.reshape(height, width) > 0.0)
-        count = len(x)
         # Neighbours stay neighbours: drivers draw blocks of pixels at once.
         order = np.argsort((y // BLOCK * width + x // BLOCK) * BLOCK**2, kind="stable")
-        x, y = x[order], y[order]
-        block, within = np.divmod(np.arange(count), BLOCK**2)
-        by_row = LISTED // BLOCK
-        column = block % by_row * BLOCK + within % BLOCK
-        row = block // by_row * BLOCK + within // BLOCK
+        return self._list(number, x[order], y[order])
+
+    def begin_spread(self, number: int) -> int:
+        """Start a layer of some pixels anew, with those whose samples differ too much.
+
+        Returns
+        -------
+        int
+            How many they are.
+        """
+        layer = self._layers[number]
+        width, height = layer.size
+        with layer.target.bind():
+            cover = np.asarray(layer.target.read_color(0, 0, width, height, 4, 1, "FLOAT"))
+        column, row = _in_list(self._listed.shape[1])
+        cover = cover.reshape(height, width, 4)[row, column]
+        spread = cover[:, 2] > SPREAD**2 * cover[:, 1]
+        return self._list(number, *self._listed[:, spread])
+
+    def _list(self, number: int, x: np.ndarray, y: np.ndarray) -> int:
+        """Start a layer anew that has some pixels only."""
+        layer = self._layers[number]
+        width, height = self._of.size
+        column, row = _in_list(len(x))
         rows = odd_size(int(row.max(initial=0)) + 1)
-        layer.clear((LISTED, rows), 1)
+        layer.clear((LISTED, rows), 1.0)
         listed = np.full((rows, LISTED, 4), -1.0, np.float32)
         listed[row, column, 0], listed[row, column, 1] = x, y
         places = np.full((height, width), -1.0, np.float32)
         places[y, x] = row * LISTED + column
         layer.listed = _texture(listed, "RGBA32F")
         layer.places = _texture(places, "R32F")
+        self._listed = np.stack((x, y))
         self._drawn, self._strips = layer, []
-        return count
+        return len(x)
 
-    def use(self, *numbers: int) -> None:
-        """Show one layer from now on, or its sum with one that has pixels at edges."""
-        self._used, *others = (self._layers[number] for number in numbers)
-        for other in others:
-            self._add(self._used, other)
-            self._used = self._sum
+    def use(self, number: int) -> None:
+        """Show a layer from now on."""
+        self._used = self._layers[number]
 
-    def _add(self, one: _Layer, other: _Layer) -> None:
-        """Fill the layer that holds sums: what is shown often is added up once."""
-        self._sum.clear(one.size, one.divisor)
+    def add(self, number: int) -> None:
+        """Add the samples of a layer that has some pixels only to the one that it was made of."""
+        other, one = self._layers[number], self._of
         shader = _shader("sum")
-        with self._sum.target.bind():
+        with one.target.bind():
             gpu.state.viewport_set(0, 0, *one.size)
             gpu.state.depth_test_set("NONE")
-            gpu.state.blend_set("NONE")
+            gpu.state.blend_set("ADDITIVE_PREMULT")
             shader.bind()
-            shader.uniform_sampler("color_tx", one.colour)
-            shader.uniform_sampler("cover_tx", one.cover)
             shader.uniform_sampler("more_color_tx", other.colour)
             shader.uniform_sampler("more_cover_tx", other.cover)
             shader.uniform_sampler("place_tx", other.places)
             for rect in self._rects:
                 shader.uniform_float("box", rect)
                 _quad().draw(shader)
+            gpu.state.blend_set("NONE")
 
     @property
-    def divisor(self) -> int:
+    def divisor(self) -> float:
         """Pixels a side for a sample of what is shown; 0 before there is any."""
-        return self._used.divisor if self._used else 0
+        return self._used.divisor if self._used else 0.0
 
     @property
     def has_meshes(self) -> bool:
@@ -460,9 +482,12 @@ class Painter:
         return self._mesh is not None
 
     @property
-    def grid(self) -> tuple[tuple[int, int], int]:
-        """Size in samples of the layer that is drawn now, and pixels a side for each."""
-        return self._drawn.size, self._drawn.divisor
+    def grid(self) -> tuple[tuple[int, int], float]:
+        """Size in samples of the picture that is drawn now, or of which some pixels are, and pixels
+        a side for each.
+        """
+        drawn = self._drawn if self._drawn.listed is None else self._of
+        return drawn.size, drawn.divisor
 
     @property
     def samples(self) -> int:
@@ -493,7 +518,8 @@ class Painter:
             About how many were drawn.
         """
         if not self._strips:
-            self._strips = list(self._rects if self._drawn.listed is None else [WHOLE])
+            is_listed = self._drawn.listed is not None
+            self._strips = [WHOLE] if is_listed else [self._in_layer(r) for r in self._rects]
         if pixels is None:
             strips, self._strips = self._strips, []
         else:
@@ -517,9 +543,12 @@ class Painter:
             shader.uniform_sampler("tile_tx", self.direct.tiles)
             shader.uniform_sampler("capture_tx", captures[0])
             shader.uniform_sampler("reach_tx", captures[1])
-            shader.uniform_float("jitter", (*jitter, float(layer.divisor), 0.0))
-            shader.uniform_sampler("list_tx", self._none if layer.listed is None else layer.listed)
-            shader.uniform_int("is_listed", int(layer.listed is not None))
+            shader.uniform_float("jitter", (*jitter, layer.divisor, 0.0))
+            is_listed = layer.listed is not None
+            shader.uniform_sampler("list_tx", layer.listed if is_listed else self._none)
+            shader.uniform_sampler("known_tx", self._of.colour if is_listed else self._none)
+            shader.uniform_sampler("counted_tx", self._of.cover if is_listed else self._none)
+            shader.uniform_int("is_listed", int(is_listed))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
             shader.uniform_float("backdrop", (*way.backdrop[:3], float(way.is_open)))
@@ -545,6 +574,17 @@ class Painter:
         uniforms = [uniform for _, uniform in self._blocks[1:]]
         share = 1.0 / len(uniforms)
         return [(u, (*row, share)) for u, row in zip(uniforms, np.eye(3).tolist(), strict=True)]
+
+    def _in_layer(self, rect) -> tuple[float, float, float, float]:
+        """A part of the view as one of the layer that is drawn, whose samples may reach farther."""
+        if self._drawn.divisor == 1.0:
+            return rect
+        # And a sample more on each side, to smooth over.
+        sample = 2.0 / np.array(self._drawn.size)
+        part = 0.5 * sample * self._view.size / self._drawn.divisor
+        low = (np.array(rect[:2]) + 1.0) * part - 1.0 - sample
+        high = (np.array(rect[2:]) + 1.0) * part - 1.0 + sample
+        return (*np.maximum(low, -1.0).tolist(), *np.minimum(high, 1.0).tolist())
 
     def _area(self, rect) -> float:
         """Samples of a rectangle."""
@@ -607,11 +647,19 @@ class Painter:
         shader.uniform_int("lines", int(lines))
         shader.uniform_int("part", part)
         shader.uniform_float("backdrop", backdrop)
-        shader.uniform_float("divisor", float(self.divisor))
+        shader.uniform_float("divisor", self.divisor)
         for rect in self._rects:
             shader.uniform_float("box", rect)
             _quad().draw(shader)
         gpu.state.blend_set("NONE")
+
+
+def _in_list(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Columns and rows (count,) of the first pixels of a layer of listed ones, block by block."""
+    block, within = np.divmod(np.arange(count), BLOCK**2)
+    by_row = LISTED // BLOCK
+    column = block % by_row * BLOCK + within % BLOCK
+    return column, block // by_row * BLOCK + within // BLOCK
 
 
 def screen_rect(corners: np.ndarray, view: Viewpoint) -> tuple[float, float, float, float] | None:
@@ -763,7 +811,10 @@ DESCRIPTIONS = {
             ("INT", "has_depth"),
             ("INT", "is_listed"),
         ],
-        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx", "list_tx"],
+        "samplers": [
+            *("direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"),
+            *("list_tx", "known_tx", "counted_tx"),
+        ],
         "glasses": True,
         "view": True,
         "outputs": ["color", "cover"],
@@ -797,7 +848,7 @@ DESCRIPTIONS = {
     },
     "sum": {
         "constants": [("VEC4", "box")],
-        "samplers": ["color_tx", "cover_tx", "more_color_tx", "more_cover_tx", "place_tx"],
+        "samplers": ["more_color_tx", "more_cover_tx", "place_tx"],
         "outputs": ["color", "cover"],
         "fragment": glsl.SUM,
     },

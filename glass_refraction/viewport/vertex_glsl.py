@@ -342,7 +342,7 @@ PICTURE = (
     + """
 ivec4 drawn_of(int g) { return g >= 0 && g < MOST_DRAWN ? drawn.glasses[g] : ivec4(0, 0, -1, 0); }
 
-vec4 drawn_at(int number) { return texelFetch(drawn_tx, ivec3(ivec2(gl_FragCoord.xy), number), 0); }
+vec4 drawn_at(int number) { return texelFetch(drawn_tx, ivec3(sampled, number), 0); }
 
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 {

@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 MOVING, FIRST, MORE = range(3)
 """Which picture is drawn: of what moves, or at rest its first sample or further ones at edges."""
 
-MOVING_LAYER = 0
-"""Number of the painter's layer for what moves; the others are pairs for views at rest."""
+MOVING_LAYER, LISTED_LAYER = 0, 3
+"""Numbers of the painter's layers for what moves and for further samples of some pixels; those
+between them are for views at rest."""
 REST_SECONDS = 0.15
 """Since the last change: then a view counts as at rest."""
 HOLD_SECONDS = 0.25
@@ -49,18 +50,20 @@ REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
 PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
-SAMPLES = 4
-"""A pixel at an edge, at rest."""
-JITTER_RADIUS, JITTER_BEGIN = 0.36, math.radians(15.0)
-"""Pixels from a pixel's middle to its further samples, and where the first of them lies: turned so
-that no two share a row or a column. Three tell as much as four of Halton's places."""
-WAYS, WAYS_MORE, WAYS_MOVING = 8, 4, 5
+ROUNDS = (3, 3)
+"""Further samples of a pixel, at rest: of those at edges, then of those of them whose samples
+differ. With two in the first round thin edges were missed."""
+PLACES = np.array(((0, 0), (1, 3), (2, -1), (-3, -2), (-1, -3), (-2, 1), (3, 2))) / 7.0
+"""Of a pixel's samples, from its middle, in pixels: no two share a row or a column. After each
+round their mean is the middle."""
+WAYS, WAYS_MORE, WAYS_MOVING = 8, 3, 4
 """Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
 while something moves."""
 SHARE_OF_REDRAW = 0.8
 """A moving picture may take this part of the time that the view's redraw takes without it."""
-MOST_PIXELS = 6
-"""A side, of which a moving picture has one sample at least."""
+MOST_PIXELS, PIXELS_STEP = 6.0, 0.25
+"""A side, of which a moving picture has one sample at least, and by how much that may change: for
+each a picture of its own is made."""
 LEAST_PIXELS = 2000
 """Of a slice of a sample: fewer tell nothing of the speed."""
 STRIP_PIXELS = 6000
@@ -123,7 +126,9 @@ class _View:
         self.settled = 0
         """Redraws since a change or a compiled material, see `SETTLED`."""
         self.stage = MOVING
-        self.layers = (1, 2)
+        self.layer = 1
+        self.round = 0
+        """Number of the layer at rest that is drawn, and of the round of further samples."""
         self.gpu_seconds = 0.0
         self.spent = (0, 0.0)
         """Pixels and seconds of the sample that is being drawn."""
@@ -417,12 +422,13 @@ def _displaced_version(view: _View) -> int:
     return -1 if view.displaced is None else view.displaced.things.version
 
 
-def _divisor(view: _View) -> int:
+def _divisor(view: _View) -> float:
     """Pixels a side of the view for one sample of a moving picture."""
     if view.speed == 0.0:
-        return 2
+        return 2.0
     affordable = max(1.0, SHARE_OF_REDRAW * view.plain_seconds * view.speed)
-    return int(np.clip(np.ceil(np.sqrt(view.painter.pixels / affordable)), 1, MOST_PIXELS))
+    steps = math.ceil(math.sqrt(view.painter.pixels / affordable) / PIXELS_STEP)
+    return min(max(PIXELS_STEP * steps, 1.0), MOST_PIXELS)
 
 
 def _sample(
@@ -433,8 +439,8 @@ def _sample(
 
     painter = view.painter
     way = Way(settings.min_weight, ways, settings.surface == "GLASS", view.backdrop, view.is_open)
-    number = painter.samples + edges
-    jitter = _jitter(number)
+    before = 1 + sum(ROUNDS[: view.round]) if edges else 0
+    jitter = _jitter(before + painter.samples)
     pixels = None
     if seconds is not None:
         most = max(STRIP_PIXELS, seconds * view.slowest[edges])
@@ -478,11 +484,9 @@ def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | Non
 
 
 def _jitter(number: int) -> tuple[float, float]:
-    """Place of a sample from the pixel's middle: the first lies there, the others round it."""
-    if number == 0:
-        return (0.0, 0.0)
-    angle = JITTER_BEGIN + math.tau * (number - 1) / (SAMPLES - 1)
-    return (JITTER_RADIUS * math.cos(angle), JITTER_RADIUS * math.sin(angle))
+    """Place of a sample from the pixel's middle, pixels."""
+    x, y = PLACES[number]
+    return (float(x), float(y))
 
 
 def light_comes_along(shading: bpy.types.View3DShading) -> bool:
@@ -680,29 +684,32 @@ def _work(view: _View, window, space, region) -> None:
     while time.perf_counter() < until and not view.final:
         if view.stage == MOVING:
             _describe(view, view.eye)
-            # Into the layers that are not shown.
-            view.layers = (3, 4) if view.layers == (1, 2) else (1, 2)
-            painter.begin(1, view.layers[0])
+            # Into the layer that is not shown.
+            view.layer = 3 - view.layer
+            painter.begin(1.0, view.layer)
             view.strip_speed = view.speed / MOST_GROWTH
             view.stage = FIRST
         elif view.stage == FIRST:
             _sample(view, settings, WAYS, SLICE_SECONDS)
             if painter.is_whole:
-                painter.use(view.layers[0])
+                painter.use(view.layer)
                 region.tag_redraw()
                 if not view.is_early:
                     # To be drawn again of what the engine comes to rest at.
                     view.is_early, view.stage = True, MOVING
                     return
-                painter.begin_edges(view.layers[1], view.layers[0])
-                view.stage = MORE
+                view.round = 0
+                some = painter.begin_edges(LISTED_LAYER, view.layer)
+                view.stage, view.final = MORE, not some
         else:
             _sample(view, settings, WAYS_MORE, SLICE_SECONDS, edges=True)
-            if painter.is_whole and painter.samples >= SAMPLES - 1:
-                painter.use(*view.layers)
-                view.final = True
-                counters["rests"] += 1
-                region.tag_redraw()
+            if painter.is_whole and painter.samples >= ROUNDS[view.round]:
+                painter.add(LISTED_LAYER)
+                view.round += 1
+                view.final = view.round == len(ROUNDS) or not painter.begin_spread(LISTED_LAYER)
+    if view.final:
+        counters["rests"] += 1
+        region.tag_redraw()
 
 
 def _targets(view: _View) -> dict[int, np.ndarray]:
@@ -769,7 +776,6 @@ def _note(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, new_frame: boo
 
 @persistent
 def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    # The handlers that are always there have noted the evaluation before.
     if not is_echo(scene):
         _note(scene, depsgraph, new_frame=False)
 

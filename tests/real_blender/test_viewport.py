@@ -99,6 +99,15 @@ def test_a_whole_sample_does_not_wait_for_eevee_to_refine(found):
     assert found["moved_camera"]["early"]
 
 
+@pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
+def test_pixels_have_more_samples_where_samples_differ(found, kind):
+    counts = {int(float(number)): pixels for number, pixels in found["samples"][kind].items()}
+    most = list(np.cumsum((1, *found["rounds"])))
+    assert sorted(counts) == most
+    # Every round is of some pixels of the one before, and most pixels need none.
+    assert counts[most[0]] > sum(counts[number] for number in most[1:])
+
+
 def test_eevee_draws_few_samples_of_captures_and_the_users_setting_stays(found):
     samples = found["moved_camera"]["samples"]
     assert samples == [16, 16]

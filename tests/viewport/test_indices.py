@@ -19,3 +19,11 @@ def test_blocks_of_uniforms_are_indexed_within_bounds_wherever_that_is(module):
     assert {
         index for index in found if not re.match(r"max\(\w+, 0\)|clamp\(\w+, 0,", index)
     } == set()
+
+
+def test_a_sample_is_of_the_pixel_that_a_list_names():
+    """Pixels at edges are drawn side by side: where the driver draws them tells nothing of them."""
+    for text in (glsl.PICTURE, vertex_glsl.PICTURE):
+        before, main = text.split("void main()")
+        assert "gl_FragCoord" not in before
+        assert main.count("gl_FragCoord") == 1

@@ -98,30 +98,43 @@ def told(scene):
 
 def write_and_put_back(scene):
     """What a capture does with EEVEE's samples."""
-    evaluated = bpy.context.view_layer.depsgraph.scene_eval
-    before = evaluated.eevee.taa_samples
-    changes.expect_echo(scene)
-    evaluated.eevee.taa_samples = 1
-    evaluated.eevee.taa_samples = before
+    layer = bpy.context.view_layer
+    before = scene.eevee.taa_samples
+    with changes.put_back(scene, layer):
+        layer.depsgraph.scene_eval.eevee.taa_samples = 1
+        layer.depsgraph.scene_eval.eevee.taa_samples = before
     return before
 
 
 def test_a_setting_that_is_put_back_is_no_news(scene, told):
     before = changes.generation(scene)
     samples = write_and_put_back(scene)
-    bpy.context.view_layer.update()
     assert scene.eevee.taa_samples == samples
     assert told and told[-1] == (before, True)
+    # Nothing of it is left for the next evaluation.
+    bpy.context.view_layer.update()
+    assert changes.generation(scene) == before and not changes.is_echo(scene)
 
 
-def test_what_changes_together_with_it_is_news(scene, told):
+@pytest.mark.parametrize("late", [False, True])
+def test_what_changes_just_before_it_or_after_is_news(scene, told, late):
+    """Also a setting of the scene alone, which is all that an echo names."""
     before = changes.generation(scene)
-    write_and_put_back(scene)
-    bpy.data.objects["Thing"].location.x = 1.0
-    bpy.context.view_layer.update()
-    assert told[-1] == (before + 1, False)
-    # And an echo is expected once.
-    scene.render.fps += 1
-    scene.update_tag()
-    bpy.context.view_layer.update()
-    assert told[-1] == (before + 2, False)
+    for _ in range(2):
+        if not late:
+            scene.render.fps += 1
+            scene.update_tag()
+        write_and_put_back(scene)
+        if late:
+            scene.render.fps += 1
+            scene.update_tag()
+            bpy.context.view_layer.update()
+        before += 1
+        assert changes.generation(scene) == before
+    assert (before, False) in told
+
+
+def test_a_failure_meanwhile_leaves_no_echo(scene, told):
+    with pytest.raises(RuntimeError), changes.put_back(scene, bpy.context.view_layer):
+        raise RuntimeError
+    assert not changes.is_echo(scene)

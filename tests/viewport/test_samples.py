@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Where the samples of a pixel lie, and how a view tells that its engine changed the picture."""
 
+from types import SimpleNamespace
+
 import bpy  # noqa: F401 - finds the module gpu, which paint imports
 import numpy as np
 import pytest
@@ -9,12 +11,53 @@ from glass_refraction.viewport import paint, views
 
 
 def test_samples_lie_evenly_in_the_pixel():
-    places = np.array([views._jitter(number) for number in range(views.SAMPLES)])
-    assert places.mean(axis=0) == pytest.approx((0.0, 0.0), abs=1e-12)
+    places = np.array([views._jitter(number) for number in range(1 + sum(views.ROUNDS))])
     assert np.abs(places).max() < 0.5
-    # Edges along rows and columns are smoothed by each: no two lie side by side.
     for axis in range(2):
-        assert np.diff(np.sort(places[:, axis])).min() > 0.09
+        # In as many rows and columns there is one each.
+        assert np.diff(np.sort(places[:, axis])) == pytest.approx(1.0 / len(places))
+    for count in np.cumsum((1, *views.ROUNDS)):
+        assert places[:count].mean(axis=0) == pytest.approx((0.0, 0.0), abs=1e-12)
+    # An edge along a row or a column is seen by the first round already.
+    assert (np.ptp(places[: 1 + views.ROUNDS[0]], axis=0) > 0.5).all()
+
+
+@pytest.mark.parametrize("count", [1, 16, 1000, 12345])
+def test_listed_pixels_lie_side_by_side(count):
+    column, row = paint._in_list(count)
+    assert column.max() < paint.LISTED
+    assert len(set(zip(column.tolist(), row.tolist(), strict=True))) == count
+    # In whole blocks, of which all but the last is full.
+    blocks = set(zip((column // paint.BLOCK).tolist(), (row // paint.BLOCK).tolist(), strict=True))
+    assert len(blocks) == -(-count // paint.BLOCK**2)
+
+
+@pytest.mark.parametrize("pixels", [1, 5_000, 323_186])
+@pytest.mark.parametrize("speed", [1e4, 3e5, 1e8])
+def test_a_moving_picture_is_as_fine_as_it_can_be_in_its_time(pixels, speed):
+    view = SimpleNamespace(speed=speed, plain_seconds=0.1, painter=SimpleNamespace(pixels=pixels))
+    divisor, affordable = views._divisor(view), views.SHARE_OF_REDRAW * 0.1 * speed
+    assert 1.0 <= divisor <= views.MOST_PIXELS
+    if divisor < views.MOST_PIXELS:
+        assert pixels / divisor**2 <= affordable
+    if divisor > 1.0:
+        assert pixels / (divisor - views.PIXELS_STEP) ** 2 > affordable
+
+
+@pytest.mark.parametrize("divisor", [1.0, 1.25, 2.0, 3.75, 6.0])
+@pytest.mark.parametrize("rect", [(-1.0, -1.0, 1.0, 1.0), (-0.31, 0.2, 0.67, 0.93)])
+def test_samples_cover_the_part_of_the_view_that_they_are_of(divisor, rect):
+    view = np.array((1048, 693))
+    size = np.ceil(view / divisor)
+    painter = SimpleNamespace(
+        _drawn=SimpleNamespace(divisor=divisor, size=tuple(size)),
+        _view=SimpleNamespace(size=tuple(view)),
+    )
+    found = np.array(paint.Painter._in_layer(painter, rect)).reshape(2, 2)
+    seen = 0.5 * (found + 1.0) * size * divisor
+    wanted = np.minimum(0.5 * (np.array(rect).reshape(2, 2) + 1.0) * view, size * divisor)
+    spare = np.stack((wanted[0] - seen[0], seen[1] - wanted[1]))
+    assert (spare > -1e-6).all() and (spare < divisor + 1e-6).all()
 
 
 class _Shown:

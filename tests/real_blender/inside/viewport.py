@@ -172,7 +172,9 @@ def frames_like_f12():
                 picture = screenshot(f"viewport_{kind.lower()}_{frame}", area)
             np.save(FOLDER / f"{kind}_{frame}.npy", picture)
         result.setdefault("capture_depths", {})[kind] = capture_depths()
+        result.setdefault("samples", {})[kind] = samples_of_pixels()
     capture._plainly = plainly
+    result["rounds"] = module().ROUNDS
     flat_view(area, "SOLID")
     result["frame"] = camera_frame(area)
 
@@ -200,6 +202,18 @@ def moved_camera():
     scene.camera.location.x += STEP[1]
     flat_view(area, "SOLID")
     yield from rest()
+
+
+def samples_of_pixels():
+    """How many pixels of the final picture have how many samples, of those that have any."""
+    (view,) = [v for v in module()._views.values() if v.painter]
+    layer = view.painter._used
+    width, height = layer.size
+    with layer.target.bind():
+        read = layer.target.read_color(0, 0, width, height, 4, 1, "FLOAT")
+    counts = np.asarray(read).reshape(-1, 4)[:, 1]
+    numbers, pixels = np.unique(counts[counts > 0.0], return_counts=True)
+    return dict(zip(numbers.tolist(), pixels.tolist(), strict=True))
 
 
 def capture_depths():
