@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ...optics.vectors import perpendiculars
+from ...optics.vectors import dot, perpendiculars
 from ..rays.lamps import lamp_is_normalised, lamp_power
 from ..read.viewpoint import Viewpoint
 
@@ -93,7 +93,7 @@ class Emitter:
 
     def sent(self, directions: np.ndarray) -> np.ndarray:
         """(N,) what it sends in unit directions (N, 3), over its power."""
-        ahead = -directions @ self.axes[:, 2]
+        ahead = -dot(directions.T, self.axes[:, 2])
         if self.is_sun:
             return np.ones(len(directions))
         if self.is_flat:

@@ -9,7 +9,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from ...optics.vectors import perpendiculars
+from ...optics.vectors import dot, perpendiculars
 from ..read.viewpoint import Viewpoint
 from .columns import joined
 from .follow import Follower, way_codes
@@ -366,7 +366,7 @@ def sun_light(
     slopes = [sigma * _slope(ways.direction, beside, axis, sky) for axis in range(2)]
     longest = np.maximum(*(np.linalg.norm(slope, axis=1) for slope in slopes))
     for sun in suns:
-        cosine = np.clip(ways.direction[sky] @ np.array(sun.towards), -1.0, 1.0)
+        cosine = np.clip(dot(ways.direction[sky].T, sun.towards), -1.0, 1.0)
         half = np.arccos(np.clip(sun.cosine, -1.0, 1.0))
         near = np.flatnonzero(np.arccos(cosine) < half + FARTHEST * longest + LEAST_ANGLE)
         large = half > LARGE * longest[near]
@@ -406,7 +406,7 @@ def _disc_in_cone(sun: Sun, direction, first, second) -> np.ndarray:
     for x in steps:
         for y in steps:
             place = direction + x * first + y * second
-            inside += place @ np.array(sun.towards) > sun.cosine * np.linalg.norm(place, axis=1)
+            inside += dot(place.T, sun.towards) > sun.cosine * np.linalg.norm(place, axis=1)
     return inside / PLACES**2
 
 

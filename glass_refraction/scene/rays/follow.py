@@ -17,6 +17,7 @@ import numpy as np
 
 from ... import optics
 from ...optics.exit_rays import TOUCHING, grain, near_boxes
+from ...optics.vectors import dot
 from ..memory import counters
 from ..progress import check
 from ..read.viewpoint import Viewpoint
@@ -364,7 +365,7 @@ class Follower:
         """What rays meet; those that come from the eye have passed no glass and meet all things."""
         if self.through is None:
             return self.caster.cast(origins, directions)
-        ahead = np.abs((origins - self.view.eye) @ self.view.forward)
+        ahead = np.abs(dot((origins - self.view.eye).T, self.view.forward))
         if self.view.is_parallel:
             first = ahead <= self._skin
         else:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...optics.vectors import dot
 from .caster import Caster
 from .columns import Columns, joined
 from .sketches import Sketch, Sketches
@@ -486,7 +487,7 @@ def _capture_from(eye, ways: Ways, direct: RadianceView, aspect: float, near: fl
     weights = ways.weight[usable]
     view = aimed_view(eye, directions, weights, near, direct, aspect)
     # What stands between the eye and the nearest hit need not be in the way.
-    ahead = (directions * length[usable, None]) @ view.forward
+    ahead = dot((directions * length[usable, None]).T, view.forward)
     ahead = ahead[~ways.is_sky[usable] & (ahead > near)]
     if not len(ahead):
         return view

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...optics.vectors import dot
 from ..read.viewpoint import Viewpoint
 
 WIDEST = np.radians(70.0)
@@ -117,19 +118,19 @@ class RadianceView:
     def sight(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rays from where the view begins to see: origins, unit directions (N, 3), lengths (N,)."""
         if self.is_parallel:
-            ahead = (points - self.eye) @ self.forward - self.near
+            ahead = dot((points - self.eye).T, self.forward) - self.near
             origins = points - ahead[:, None] * self.forward
             return origins, np.broadcast_to(self.forward, points.shape), ahead
         towards = points - self.eye
         length = np.sqrt(squares(towards))
         directions = towards / np.maximum(length, 1e-300)[:, None]
-        skipped = self.near / np.maximum(directions @ self.forward, 1e-6)
+        skipped = self.near / np.maximum(dot(directions.T, self.forward), 1e-6)
         return self.eye + directions * skipped[:, None], directions, length - skipped
 
     def lengths(self, points: np.ndarray) -> np.ndarray:
         """Metres (N,) to points (N, 3) from where the view begins to see, along its rays."""
         towards = points - self.eye
-        ahead = towards @ self.forward
+        ahead = dot(towards.T, self.forward)
         if self.is_parallel:
             return ahead - self.near
         return np.sqrt(squares(towards)) * (1.0 - self.near / np.maximum(ahead, LEAST_AHEAD))
@@ -151,7 +152,7 @@ class RadianceView:
 
     def sky_sight(self, directions: np.ndarray) -> np.ndarray:
         """Origins (N, 3) of the rays by which the view sees into these directions."""
-        skipped = self.near / np.maximum(directions @ self.forward, 1e-6)
+        skipped = self.near / np.maximum(dot(directions.T, self.forward), 1e-6)
         return self.eye + directions * skipped[:, None]
 
 
