@@ -225,7 +225,7 @@ class _Followed:
             if number in self.meshes:
                 continue
             turn, middle = glass.pose[:3, :3], glass.pose[:3, 3]
-            medium[number] = glass.body.medium_at((places - middle) @ turn)
+            medium[number] = glass.body.medium_at(rotated(turn.T, (places - middle).T).T)
         return _Live(
             ray=proper,
             place=np.array(np.broadcast_to(places.T, (3, count))),

@@ -2,7 +2,8 @@
 """Arithmetic of many vectors at once, by components: (3, L), the last axis counts them.
 
 Sums of products are written out. BLAS and einsum round the last columns of an array otherwise than
-the first, so that a ray's way would depend on its neighbours.
+the first, so that a ray's way would depend on its neighbours. OpenBLAS starts threads for long
+arrays, and they wait busily for a tenth of a second after each product.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ def dot(a: Floats, b: Floats) -> Floats:
 
 
 def rotated(matrix: Floats, vectors: Floats) -> Floats:
-    """The product of a matrix (3, 3) with vectors (3, L)."""
-    found = np.empty(vectors.shape)
+    """The product of a matrix (M, 3) with vectors (3, L): (M, L)."""
+    found = np.empty((len(matrix), *vectors.shape[1:]))
     for row, (a, b, c) in enumerate(matrix):
         found[row] = a * vectors[0] + b * vectors[1] + c * vectors[2]
     return found

@@ -89,7 +89,7 @@ class Surfaces(Columns):
     @classmethod
     def of(cls, view: RadianceView, points: np.ndarray, normals: np.ndarray) -> Surfaces:
         """Those at world points, with these unit normals (K, 3)."""
-        local, normal = view.local(points), _turned(view, normals)
+        local, normal = view.local(points), view.turned(normals)
         depth = -local[:, 2]
         x, y = (view.project(local, view.near)[0] - view.picture[:2]).T
         scale, slope = np.ones(len(local)), np.zeros((len(local), 2))
@@ -118,11 +118,6 @@ class Surfaces(Columns):
         """Vectors (K, 3) of the view's space from these places, in pixels along x and y."""
         x, y = ((vectors[:, :2] + self.slope * vectors[:, 2:]) * self.per).T
         return x, y
-
-
-def _turned(view: RadianceView, vectors: np.ndarray) -> np.ndarray:
-    """World vectors (K, 3) in a view's space."""
-    return vectors @ view.to_camera[:3, :3].T
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +225,7 @@ def _seen_spots(landed: Landed, seen: Seen, sigma_px: float) -> tuple[_Spots, Su
 def _spots(landed, some, middle, surfaces: Surfaces, view: RadianceView, sigma_px: float) -> _Spots:
     """Some of the landed light, by numbers (K,), as a view shows it on its surfaces."""
     (ax, ay), (bx, by) = (
-        surfaces.across(_turned(view, bell[some])) for bell in (landed.major, landed.minor)
+        surfaces.across(view.turned(bell[some])) for bell in (landed.major, landed.minor)
     )
     square = sigma_px**2
     # In powers of 2: what lies side by side is measured alike.

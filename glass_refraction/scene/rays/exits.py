@@ -9,7 +9,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from ...optics.vectors import dot, perpendiculars
+from ...optics.vectors import dot, perpendiculars, rotated
 from ..read.viewpoint import Viewpoint
 from .columns import joined
 from .follow import Follower, way_codes
@@ -386,9 +386,9 @@ def _bell_in_cone(sun: Sun, direction, first, second) -> np.ndarray:
     direction, first, second : (n, 3) the cone's axis, and its bell's axes.
     """
     towards = np.array(sun.towards)
-    frame = np.stack(perpendiculars(towards), axis=1)
-    ox, oy = ((towards - direction) @ frame).T
-    (ax, ay), (bx, by) = ((axis @ frame).T for axis in (first, second))
+    frame = np.stack(perpendiculars(towards))
+    ox, oy = rotated(frame, (towards - direction).T)
+    (ax, ay), (bx, by) = (rotated(frame, axis.T) for axis in (first, second))
     square = max(1.0 - sun.cosine**2, 0.0)
     # A disc of radius r has the second moments r²/4.
     xx = ax * ax + bx * bx + 0.25 * square

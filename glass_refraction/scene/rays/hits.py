@@ -203,7 +203,7 @@ class Scene:
         local = view.local(hits.point)
         near = view.near
         if len(sky):
-            local[sky] = hits.direction[sky] @ view.to_camera[:3, :3].T
+            local[sky] = view.turned(hits.direction[sky])
             near = np.where(hits.is_sky, 0.0, view.near)
         pixels, inside = view.project(local, near)
         if view.is_parallel:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...optics.exit_rays import meets_boxes
 from ...optics.facets import fold
-from ...optics.vectors import columns
+from ...optics.vectors import columns, rotated
 from .things import Things
 
 BOXES = 8
@@ -94,7 +94,7 @@ class Boxes:
         some = some - some.mean(axis=0)
         # The longest axis is the last: a slender thing that leans fills its boxes.
         axes = np.linalg.eigh(some.T @ some)[1].T
-        along = (places @ axes.T).reshape(-1, 3, 3)
+        along = rotated(axes, places.T).T.reshape(-1, 3, 3)
         order = np.argsort(along[:, 0, 2], kind="stable")
         runs = np.array_split(along[order].reshape(-1, 9), min(BOXES, len(order)))
         bounds = [(run.min(axis=0), run.max(axis=0)) for run in runs]
@@ -115,7 +115,7 @@ class Boxes:
 
         ``margin``: metres by which boxes are larger.
         """
-        begin, end = begin @ self.axes.T, end @ self.axes.T
+        begin, end = rotated(self.axes, begin.T).T, rotated(self.axes, end.T).T
         low, high = self.bounds[:, 0].min(axis=0) - margin, self.bounds[:, 1].max(axis=0) + margin
         found, some = np.zeros(len(begin), bool), slice(None)
         # Most lie beside all of them.

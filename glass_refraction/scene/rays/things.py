@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import positions
 from .lamps import lamp_shape
@@ -129,7 +130,7 @@ class _Builder:
         if not len(corners):
             return
         number = self._look_numbers(obj, owner, mesh, int(slots.max()))
-        self._add(local @ to_world[:3, :3].T + to_world[:3, 3], corners, number[slots])
+        self._add(rotated(to_world[:3, :3], local.T).T + to_world[:3, 3], corners, number[slots])
 
     def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray) -> None:
         """A lamp that has a size, as the surface that gives its light."""

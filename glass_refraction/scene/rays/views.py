@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...optics.vectors import dot
+from ...optics.vectors import dot, rotated
 from ..read.viewpoint import Viewpoint
 
 WIDEST = np.radians(70.0)
@@ -71,9 +71,13 @@ class RadianceView:
         width, height = self.size
         return 0.5 * min(abs(self.projection[0, 0]) * width, abs(self.projection[1, 1]) * height)
 
+    def turned(self, directions: np.ndarray) -> np.ndarray:
+        """World directions (N, 3) in camera space."""
+        return rotated(self.to_camera[:3, :3], directions.T).T
+
     def local(self, points: np.ndarray) -> np.ndarray:
         """World points (N, 3) in camera space."""
-        return points @ self.to_camera[:3, :3].T + self.to_camera[:3, 3]
+        return self.turned(points) + self.to_camera[:3, 3]
 
     def pixels(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Frame pixels (N, 2) of world points, and which (N,) lie in what is drawn."""
@@ -83,7 +87,7 @@ class RadianceView:
         """The same of points infinitely far away in world directions (N, 3)."""
         if self.is_parallel:
             return np.zeros((len(directions), 2)), np.zeros(len(directions), bool)
-        return self.project(directions @ self.to_camera[:3, :3].T, 0.0)
+        return self.project(self.turned(directions), 0.0)
 
     def project(self, local: np.ndarray, near: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same of places (N, 3) in camera space, from ``near`` metres on."""
@@ -147,7 +151,7 @@ class RadianceView:
                 local[:, axis] = (ndc - p[axis, 3]) / p[axis, axis]
             else:
                 local[:, axis] = (ndc + p[axis, 2]) / p[axis, axis] * -local[:, 2]
-        points = (local - self.to_camera[:3, 3]) @ self.to_camera[:3, :3]
+        points = rotated(self.to_camera[:3, :3].T, (local - self.to_camera[:3, 3]).T).T
         return self.sight(points)[:2]
 
     def sky_sight(self, directions: np.ndarray) -> np.ndarray:
@@ -197,7 +201,7 @@ def aimed_view(
     right = np.cross(axis, up)
     right /= np.linalg.norm(right)
     rotation = np.stack((right, np.cross(right, axis), -axis))
-    local = directions @ rotation.T
+    local = rotated(rotation, directions.T).T
     ahead = local[:, 2] < -np.cos(WIDEST)
     slopes = local[ahead, :2] / -local[ahead, 2:]
     bounds = np.array([[-1.0, -1.0], [1.0, 1.0]]) * np.tan(NARROWEST)

@@ -131,3 +131,15 @@ def test_views_of_one_direction_and_of_all_round_are_finite():
         np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
         _, inside = view.pixels_of_sky(directions)
         assert inside.any()
+
+
+def test_what_a_view_shows_of_a_point_depends_on_no_other_point():
+    """BLAS rounds the last rows of an array otherwise than the first, and starts threads."""
+    random = np.random.default_rng(12)
+    _, direct = _frame()
+    aims = _directions(random, (0.3, 0.9, -0.2), 0.5)
+    view = aimed_view(np.array((0.3, -0.7, 0.2)), aims, np.ones(len(aims)), 0.05, direct, 1.0)
+    points = random.normal(size=(5_003, 3)) * 10.0
+    for told in (view.local, view.turned, view.lengths):
+        alone = np.concatenate([told(points[k : k + 1]) for k in range(5_003)])
+        np.testing.assert_array_equal(told(points), alone)
