@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scenes
 
+from glass_refraction.optics.vectors import rotated
 from glass_refraction.reference.cycles import scene_depsgraph
 from glass_refraction.scene import update as door
 from glass_refraction.scene.memory import counters, memory_of
@@ -215,7 +216,7 @@ def test_triangles_are_known_again_by_their_corners_and_owners():
     for soup in (things, other):
         rows = gone if soup is things else np.flatnonzero(np.isin(order, gone))
         for corners in soup.points[soup.triangles[rows]]:
-            along = corners @ boxes.axes.T
+            along = rotated(boxes.axes, corners.T).T
             inside = (along >= boxes.bounds[:, None, 0]) & (along <= boxes.bounds[:, None, 1])
             assert inside.all(axis=(1, 2)).any()
     # The same triangles of another owner, or seen otherwise, are others.
