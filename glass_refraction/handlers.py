@@ -121,6 +121,9 @@ def _prepare(scene: bpy.types.Scene) -> None:
         if not _renders():
             door.withdraw(scene)
         return
+    if not _renders():
+        # A scene that nobody looks at just now may still hold what was removed from the file.
+        depsgraph.update()
     try:
         door.prepare(scene, depsgraph, rendering=_renders())
     except RefractiveGlassError as error:
