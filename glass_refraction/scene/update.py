@@ -29,6 +29,7 @@ from .names import RefractiveGlassError
 from .progress import tell
 from .rays import true
 from .read.glasses import (
+    all_glasses,
     glass_modifier,
     glass_objects,
     instanced_glasses,
@@ -94,7 +95,7 @@ def prepare(
     view_layer = rendered_layer(scene)
     problems: list[str] = []
     placed = glass_objects(view_layer, ever=True)
-    instanced = instanced_glasses(scene)
+    instanced = instanced_glasses(view_layer)
     for host, glass in merged_glasses(scene, depsgraph):
         problems.append(
             f'Geometry Nodes of "{host.name}" merge glass "{glass.name}" into its mesh, where it '
@@ -154,7 +155,7 @@ def _check_scene(scene: bpy.types.Scene) -> None:
             raise RefractiveGlassError(
                 f'{label} of scene "{scene.name}" is no number: enter it anew (Render Properties)'
             )
-    if not settings.enabled or not glass_objects(rendered_layer(scene)):
+    if not settings.enabled or not all_glasses(rendered_layer(scene)):
         return
     if not scene.render.use_compositing:
         raise RefractiveGlassError(

@@ -206,8 +206,9 @@ def _copy_of(glass):
     return tool
 
 
+@pytest.mark.parametrize("linked", ["nowhere", "excluded"])
 @pytest.mark.parametrize("shape", ["MESH", "SPHERE"])
-def test_instances_are_glasses_in_their_places(tmp_path, shape):
+def test_instances_are_glasses_in_their_places(tmp_path, shape, linked):
     scenes.camera()
     scenes.striped_wall()
     scene = scenes.settings(**SIZE)
@@ -220,6 +221,9 @@ def test_instances_are_glasses_in_their_places(tmp_path, shape):
     for held in list(obj.users_collection):
         held.objects.unlink(obj)
     collection.objects.link(obj)
+    if linked == "excluded":
+        scene.collection.children.link(collection)
+        bpy.context.view_layer.layer_collection.children[collection.name].exclude = True
     empties = []
     for place in places:
         empty = bpy.data.objects.new("Instance", None)

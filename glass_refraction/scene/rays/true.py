@@ -26,7 +26,7 @@ from ..memory import Status, counters, memory_of
 from ..names import TAG, hidden_name, own
 from ..progress import check
 from ..read.arrays import write_polygons
-from ..read.glasses import glass_modifier, glass_objects, read_glasses
+from ..read.glasses import all_glasses, glass_modifier, glass_objects, read_glasses
 from ..read.modifier_inputs import has_input, read_input
 from ..read.viewpoint import (
     Viewpoint,
@@ -376,7 +376,7 @@ def _read_light(
     problems += [
         f'Glass "{obj.name}" casts a straight shadow beside that of the light through it: switch '
         "off Casts Shadow"
-        for obj in glass_objects(rendered_layer(scene))
+        for obj in all_glasses(rendered_layer(scene))
         if has_input(glass_modifier(obj), "Casts Shadow")
         and read_input(glass_modifier(obj), "Casts Shadow")
     ]
@@ -387,7 +387,7 @@ def _read_light(
 def _seen_through(scene: bpy.types.Scene, problems: list[str]) -> frozenset[str] | None:
     """Names of what the glasses' collection lets be seen through them; None: all."""
     chosen = {}
-    for obj in glass_objects(rendered_layer(scene)):
+    for obj in all_glasses(rendered_layer(scene)):
         collection = read_input(glass_modifier(obj), "Seen Through")
         names = None if collection is None else frozenset(o.name for o in collection.all_objects)
         chosen.setdefault(names, obj.name)

@@ -186,13 +186,15 @@ def glass_objects(view_layer: bpy.types.ViewLayer, *, ever: bool = False) -> lis
 _NAMING_SOCKETS = ("NodeSocketObject", "NodeSocketCollection")
 
 
-def instanced_glasses(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Glass objects that stand in no collection of the scene and that its objects may instance.
+def instanced_glasses(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
+    """Glass objects that do not stand in the view layer and that its objects may instance.
+
+    Many people keep what they instance in a collection that the view layer excludes.
 
     They are found by what empties, particles and nodes name. The dependency graph would tell what
     is shown; but to list its instances crashes Blender where objects were deleted since.
     """
-    here = set(scene.objects)
+    here = set(view_layer.objects)
     others = [
         obj
         for obj in bpy.data.objects
@@ -207,6 +209,11 @@ def instanced_glasses(scene: bpy.types.Scene) -> list[bpy.types.Object]:
         named |= new
         left += new
     return [obj for obj in others if obj in named and not obj.hide_render]
+
+
+def all_glasses(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
+    """The glasses that renders of the view layer show, in their own places or by instances."""
+    return glass_objects(view_layer) + instanced_glasses(view_layer)
 
 
 def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
