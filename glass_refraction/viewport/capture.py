@@ -514,12 +514,19 @@ class Box:
         return np.linalg.solve(self.to_box[:3, :3], (local - self.to_box[:3, 3]).T).T
 
 
-def box_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Box | None:
-    """The bounding box of an object as it is evaluated; None where its matrix has no inverse."""
+def box_of(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, to_world: np.ndarray | None = None
+) -> Box | None:
+    """The bounding box of an object as it is evaluated; None where its matrix has no inverse.
+
+    Parameters
+    ----------
+    to_world : (4, 4) of an instance of it; by default the object's own.
+    """
     evaluated = obj.evaluated_get(depsgraph)
     corners = np.array(evaluated.bound_box, float)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    matrix = np.array(evaluated.matrix_world, float)
+    matrix = np.array(evaluated.matrix_world, float) if to_world is None else to_world
     if not (np.isfinite(matrix).all() and np.linalg.det(matrix[:3, :3])):
         return None
     size = np.linalg.norm(matrix[:3, :3], axis=0)

@@ -19,6 +19,7 @@ from ..scene.read.glasses import read_mesh_interface
 from ..scene.read.mesh_glasses import triangles_of
 from .description import Posed
 from .news import News
+from .places import Key, Place
 from .trees import MOST_TRIANGLES, MeshBody, Shaped, Tree, grow, polar, shaped
 
 ROUNDED = 6
@@ -47,23 +48,24 @@ class MeshGlasses:
 
     def __init__(self) -> None:
         self.line = ""
-        self._known: dict[int, tuple[tuple, _Grown]] = {}
-        self._growing: dict[int, tuple[tuple, Iterator[_Grown | None]]] = {}
-        self._names: dict[int, str] = {}
+        self._known: dict[Key, tuple[tuple, _Grown]] = {}
+        self._growing: dict[Key, tuple[tuple, Iterator[_Grown | None]]] = {}
+        self._names: dict[Key, str] = {}
 
     @property
     def waits(self) -> bool:
         """Whether there is a mesh to be made ready."""
         return bool(self._growing)
 
-    def keep(self, uids: set[int]) -> None:
+    def keep(self, places: list[Place]) -> None:
         """Let go of all others."""
+        keys = {place.key for place in places}
         for known in (self._known, self._growing):
-            for uid in known.keys() - uids:
-                del known[uid]
+            for key in known.keys() - keys:
+                del known[key]
 
     def read(
-        self, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, news: News
+        self, place: Place, depsgraph: bpy.types.Depsgraph, news: News
     ) -> tuple[Posed, list[MeshBody]] | None:
         """A glass that is a mesh, and how red, green and blue light find it; None: not ready yet.
 
@@ -72,22 +74,23 @@ class MeshGlasses:
         RefractiveGlassError
             It cannot be a glass, or it has too many triangles.
         """
+        obj, matrix = place.obj, place.to_world
         evaluated = obj.evaluated_get(depsgraph)
-        glass, matrix = read_mesh_interface(evaluated, depsgraph)
+        glass = read_mesh_interface(evaluated, depsgraph, matrix)
         turn, stretch = polar(matrix[:3, :3])
-        uid = obj.session_uid
         size = np.abs(stretch).max()
         key = (
-            uid,
+            obj.session_uid,
             news.shape_of(obj),
             *np.round(stretch / size, ROUNDED).ravel(),
             float(f"{size:.6g}"),
         )
-        if uid not in self._known or self._known[uid][0] != key:
-            self._find(uid, key, obj.name, evaluated, stretch)
-        if uid not in self._known:
+        if place.key not in self._known or self._known[place.key][0] != key:
+            self._find(place, key, evaluated, stretch)
+        if place.key not in self._known:
             return None
-        form, tree = self._known[uid][1].form, self._known[uid][1].tree
+        grown = self._known[place.key][1]
+        form, tree = grown.form, grown.tree
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turn, matrix[:3, 3] + turn @ form.middle
         bodies = [
@@ -106,13 +109,14 @@ class MeshGlasses:
         # Without dispersion all are one.
         return posed, bands if len(bands) > 1 else [bodies[0]] * len(LINES)
 
-    def _find(self, uid: int, key: tuple, name: str, evaluated, stretch: np.ndarray) -> None:
+    def _find(self, place: Place, key: tuple, evaluated, stretch: np.ndarray) -> None:
         """Know a mesh as it is now, or begin to make it ready."""
+        where, name = place.key, place.obj.name
         if key in _grown:
-            self._known[uid] = key, _grown[key]
-            self._growing.pop(uid, None)
+            self._known[where] = key, _grown[key]
+            self._growing.pop(where, None)
             return
-        if uid in self._growing and self._growing[uid][0] == key:
+        if where in self._growing and self._growing[where][0] == key:
             return
         try:
             points, normals = triangles_of(evaluated.data)
@@ -124,27 +128,30 @@ class MeshGlasses:
             form = shaped(points, normals, stretch)
         except ValueError as error:
             raise RefractiveGlassError(f'Glass "{name}": {error}') from error
-        before = self._known.get(uid)
+        before = self._known.get(where)
         if before is not None and len(before[1].tree.order) == len(points) <= QUICK_TRIANGLES:
             # The same mesh, deformed: its order is as good as any.
-            self._growing.pop(uid, None)
-            self._known[uid] = key, _Grown(form, before[1].tree.refitted(form.points, form.normals))
-            _grown[key] = self._known[uid][1]
+            self._growing.pop(where, None)
+            self._known[where] = (
+                key,
+                _Grown(form, before[1].tree.refitted(form.points, form.normals)),
+            )
+            _grown[key] = self._known[where][1]
             return
-        self._names[uid] = name
-        self._growing[uid] = key, _growing(form)
+        self._names[where] = name
+        self._growing[where] = key, _growing(form)
 
     def grow(self, seconds: float) -> bool:
         """Go on for a while; whether a mesh became ready, so that glasses are to be read anew."""
         until = time.perf_counter() + seconds
         while self._growing and time.perf_counter() < until:
-            uid, (key, steps) = next(iter(self._growing.items()))
-            self.line = f'Mesh of glass "{self._names[uid]}" is made ready'
+            where, (key, steps) = next(iter(self._growing.items()))
+            self.line = f'Mesh of glass "{self._names[where]}" is made ready'
             found = next(steps)
             if found is not None:
-                self._known[uid] = key, found
+                self._known[where] = key, found
                 _grown[key] = found
-                del self._growing[uid]
+                del self._growing[where]
                 self.line = ""
                 return True
         return False

@@ -14,7 +14,7 @@ from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import (
     as_body,
     glass_modifier,
-    glass_objects,
+    instanced_glasses,
     is_mesh_glass,
     read_glass,
 )
@@ -25,6 +25,7 @@ from .description import Frame, Posed, TooMuch, common_frame, pack
 from .eye import CAPTURES
 from .mesh_glasses import MeshGlasses
 from .news import News
+from .places import Place, places, profiles
 
 NEVER_SEEN = {"CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER", "ARMATURE", "LATTICE"}
 """Kinds of objects that are neither glasses nor seen through one."""
@@ -46,7 +47,7 @@ class Model:
     key : what it was read from. enabled : the scene's setting, None before the first look.
     glasses, frame, block : see :mod:`description`.
     bands : the same blocks for red, green and blue light; empty if no glass disperses.
-    shown : session uids of the objects that are glasses. meshes : those that are meshes.
+    lines : glasses and profiles, which views show by lines. meshes : glasses that are meshes.
     clear : (8, 3) corners in the world of each glass that changes nothing, one of the ior of what
         is around it: rays do not know it, but the lines that it is drawn by are hidden as ever.
     problems : one line for each glass that is left out.
@@ -60,7 +61,7 @@ class Model:
         self.frame: Frame | None = None
         self.block: np.ndarray | None = None
         self.bands: list[np.ndarray] = []
-        self.shown: set[int] = set()
+        self.lines: list[Place] = []
         self.meshes = MeshGlasses()
         self.problems: list[str] = []
         self._bands: list[list] = []
@@ -69,8 +70,14 @@ class Model:
         self._boxes: dict[int, Box] = {}
         self._units: dict[tuple[int, int], np.ndarray | None] = {}
         self._beside: set[int] = set()
+        self._glasses: set[int] = set()
+        """Session uids of the objects that are shown as glasses."""
         self._spread: set[int] = set()
         """Of the things, those that may reach out of their boxes."""
+        self._showing: set[int] = set()
+        """Of the things, those that may show instances."""
+        self._has_instances = False
+        """Whether a glass is shown by instances."""
         self._has_others = False
         """Whether the view shows what is neither glass nor thing."""
         self._serial = -1
@@ -103,17 +110,23 @@ class Model:
         anew = anew or self._serial < news.everything
         self._serial = news.serial
         # What is neither glass nor thing, nor anything that never is one, may have become one.
-        anew = anew or not changed <= self._things.keys() | self.shown | self._beside
+        anew = anew or not changed <= self._things.keys() | self._glasses | self._beside
         if not anew:
             anew = not self._read_boxes(layer, space, changed & self._things.keys())
         if anew:
             self._list_things(layer, space)
-        read = anew or bool(changed & self.shown)
+        read = anew or bool(changed & self._glasses) or self._moves_instances(layer, changed)
         if read:
             self._read_glasses(layer, space, news)
         if read or changed & self._things.keys():
             self._place_things()
         return read
+
+    def _moves_instances(self, layer: bpy.types.ViewLayer, changed: set[int]) -> bool:
+        """Whether what changed may show glasses elsewhere."""
+        if changed.isdisjoint(self._showing):
+            return False
+        return self._has_instances or bool(instanced_glasses(layer))
 
     def _list_things(self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D) -> None:
         """Find all things, and read their boxes."""
@@ -130,7 +143,7 @@ class Model:
             and o.visible_get(view_layer=layer, viewport=space)
             for o in layer.objects
         )
-        self._boxes, self._units, self._spread = {}, {}, set()
+        self._boxes, self._units, self._spread, self._showing = {}, {}, set(), set()
         self._read_boxes(layer, space, self._things.keys())
 
     def _read_boxes(self, layer: bpy.types.ViewLayer, space, which) -> bool:
@@ -142,9 +155,10 @@ class Model:
             if not obj.visible_get(view_layer=layer, viewport=space):
                 return False
             self._boxes.pop(uid, None)
-            self._spread.discard(uid)
-            if _spreads(obj):
-                self._spread.add(uid)
+            for kept, holds in ((self._spread, _spreads), (self._showing, _may_show_instances)):
+                kept.discard(uid)
+                if holds(obj):
+                    kept.add(uid)
             box = box_of(obj, layer.depsgraph)
             if box is not None:
                 self._boxes[uid] = box
@@ -157,17 +171,17 @@ class Model:
     ) -> None:
         self.problems, self.clear = [], []
         found, self._bands, self._units = [], [], {}
-        self.shown = set()
-        for obj in glass_objects(layer):
-            if not obj.visible_get(view_layer=layer, viewport=space):
-                # Its change may be that it is shown again.
-                continue
-            self.shown.add(obj.session_uid)
+        shown = places(layer, space)
+        self._glasses = {place.obj.session_uid for place in shown}
+        self._has_instances = any(place.number for place in shown)
+        self.lines = shown + profiles(layer, space, shown)
+        for place in shown:
+            obj = place.obj
             try:
                 if is_mesh_glass(obj):
-                    one = self.meshes.read(obj, layer.depsgraph, news)
+                    one = self.meshes.read(place, layer.depsgraph, news)
                 else:
-                    one = _closed_form(obj, layer.depsgraph)
+                    one = _closed_form(place, layer.depsgraph)
             except RefractiveGlassError as error:
                 self.problems.append(str(error))
                 continue
@@ -175,9 +189,9 @@ class Model:
                 found.append(one[0])
                 self._bands.append(one[1])
             elif not is_mesh_glass(obj):
-                box = box_of(obj, layer.depsgraph)
+                box = box_of(obj, layer.depsgraph, place.to_world)
                 self.clear += [] if box is None else [box.corners]
-        self.meshes.keep(self.shown)
+        self.meshes.keep(shown)
         numbers = captures_of([glass.middle() for glass in found])
         self.glasses = [
             replace(glass, capture=number) for number, glass in zip(numbers, found, strict=True)
@@ -278,7 +292,7 @@ def captures_of(middles: list[np.ndarray]) -> list[int]:
 
 
 def _closed_form(
-    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+    place: Place, depsgraph: bpy.types.Depsgraph
 ) -> tuple[Posed, list[BoundedGlass]] | None:
     """A glass of closed form, and how red, green and blue light find it; None: it bounds nothing.
 
@@ -286,7 +300,7 @@ def _closed_form(
     ------
     RefractiveGlassError
     """
-    read = read_glass(obj, depsgraph)
+    read = read_glass(place.obj, depsgraph, place.to_world)
     glass = as_body(read)
     if glass is None:
         return None
@@ -297,8 +311,12 @@ def _closed_form(
 
 def _spreads(obj: bpy.types.Object) -> bool:
     """Whether something of a thing may be outside of its box: instances, hair, a curve's bevel."""
+    return obj.type != "MESH" or _may_show_instances(obj)
+
+
+def _may_show_instances(obj: bpy.types.Object) -> bool:
     return (
-        obj.type != "MESH"
+        obj.instance_collection is not None
         or obj.is_instancer
         or any(modifier.type in SPREADING for modifier in obj.modifiers)
     )

@@ -21,7 +21,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..scene.changes import generation, is_echo
-from ..scene.read.glasses import glass_modifier
+from ..scene.read.glasses import glass_modifier, instanced_glasses
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from . import news, shaders
 from .eye import view_eye
@@ -223,8 +223,10 @@ def mark_glasses(on: bool | None = None) -> None:
     for obj in bpy.data.objects:
         modifier = glass_modifier(obj) if obj.type == "MESH" and obj.is_editable else None
         if modifier is not None and has_input(modifier, EDGES):
-            # Without the extension scenes have no settings.
-            on_here = on and any(scene.refractive_glass.enabled for scene in obj.users_scene)
+            # One that stands in no scene is shown by instances. Without the extension scenes have
+            # no settings.
+            scenes = obj.users_scene or bpy.data.scenes
+            on_here = on and any(scene.refractive_glass.enabled for scene in scenes)
             write_input(modifier, EDGES, on_here)
 
 
@@ -326,7 +328,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if model.key != key:
         if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
             view.problems = model.problems + _unmarked(layer, True)
-            painter.direct.wires.read(layer, model.shown, told)
+            painter.direct.wires.read(model.lines, layer.depsgraph, told)
         if displaces:
             view.displaced.arrange(layer, space, model.glasses)
         model.key = key
@@ -373,8 +375,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         if moved or view.is_early:
             view.stage = MOVING
         _ask_for_rest()
-    drawn = painter.direct.wires.uids
-    selected = any(obj.session_uid in drawn for obj in layer.objects.selected)
+    hosts = painter.direct.wires.hosts
+    selected = any(obj.session_uid in hosts for obj in layer.objects.selected)
     painter.show(view.framebuffer, view.backdrop, lines=selected)
     python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
@@ -530,7 +532,7 @@ def _looks(space: bpy.types.SpaceView3D) -> tuple:
 def _unmarked(layer: bpy.types.ViewLayer, wanted: bool) -> list[str]:
     """Have glasses marked that are not as wanted, newly added ones; lines for those that cannot."""
     problems = []
-    for obj in layer.objects:
+    for obj in (*layer.objects, *instanced_glasses(layer)):
         modifier = glass_modifier(obj) if obj.type == "MESH" else None
         if modifier is None:
             continue

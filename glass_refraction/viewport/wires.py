@@ -8,15 +8,16 @@ cleared of them.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import bpy
 import gpu
 import numpy as np
 
 from ..scene.read.arrays import edges, positions
-from ..scene.read.glasses import glass_modifier, glass_objects
-from ..scene.read.modifier_inputs import has_input, read_input
 from . import glsl
 from .news import News
+from .places import Place
 from .shaders import kept
 
 NOTHING = 2.0
@@ -37,19 +38,20 @@ class Wires:
     def __init__(self) -> None:
         self._targets: dict[tuple[int, int], tuple] = {}
         self._batches: dict[int, tuple[tuple, list]] = {}
-        self._poses: dict[int, np.ndarray] = {}
+        self._poses: dict[int, list[np.ndarray]] = {}
+        self.hosts: set[int] = set()
+        """Session uids of the objects with which what is drawn is selected."""
 
-    def read(self, layer: bpy.types.ViewLayer, shown: set[int], news: News) -> None:
-        """Take over those glasses, by session uid, as they are evaluated."""
+    def read(self, places: list[Place], depsgraph: bpy.types.Depsgraph, news: News) -> None:
+        """Take over what is drawn by lines, as it is evaluated."""
         self._poses = {}
-        for glass in glass_objects(layer):
-            if glass.session_uid not in shown:
-                continue
-            modifier = glass_modifier(glass)
-            # Older files' groups have none.
-            profile = read_input(modifier, "Profile") if has_input(modifier, "Profile") else None
-            for obj in (glass, profile) if profile is not None else (glass,):
-                self._read_object(obj, layer.depsgraph, news)
+        self.hosts = {place.host.session_uid for place in places}
+        for place in places:
+            uid = place.obj.session_uid
+            if uid not in self._poses:
+                self._poses[uid] = []
+                self._read_object(place.obj, depsgraph, news)
+            self._poses[uid].append(place.to_world)
         for uid in self._batches.keys() - self._poses.keys():
             del self._batches[uid]
 
@@ -61,14 +63,11 @@ class Wires:
         key = (news.shape_of(obj), len(mesh.vertices), len(mesh.edges)) if mesh else ()
         if uid not in self._batches or self._batches[uid][0] != key:
             self._batches[uid] = key, _batches(mesh) if mesh else []
-        self._poses[uid] = np.array(evaluated.matrix_world, float)
         if not is_mesh:
             evaluated.to_mesh_clear()
 
-    @property
-    def uids(self) -> set[int]:
-        """Session uids of the objects that are drawn: glasses, and curves that are profiles."""
-        return set(self._poses)
+    def _placed(self) -> Iterator[tuple[int, np.ndarray]]:
+        return ((uid, pose) for uid, poses in self._poses.items() for pose in poses)
 
     def draw(self, view_to_clip: np.ndarray, size: tuple[int, int]):
         """Draw the depths of edges and points.
@@ -106,7 +105,7 @@ class Wires:
             for begin, size in enumerate(DOTS):
                 shader.uniform_float("begin", float(begin))
                 shader.uniform_float("dot_size", size * bpy.context.preferences.system.pixel_size)
-                for uid, pose in self._poses.items():
+                for uid, pose in self._placed():
                     to_clip = view_to_clip @ pose
                     for batch, beside in self._batches[uid][1]:
                         for columns in _shifted(to_clip, beside if begin else (HERE,), pixels):

@@ -529,4 +529,4 @@ def test_instanced_glasses_are_found_without_the_dependency_graph(scene):
     modifier = host.modifiers.new("Nodes", "NODES")
     modifier.node_group = tree
     write_input(modifier, "Shown", glasses[3])
-    assert set(instanced_glasses(bpy.context.view_layer)) == set(glasses[:4])
+    assert set(instanced_glasses(scene.view_layers[0])) == set(glasses[:4])

@@ -68,3 +68,19 @@ def test_a_border_ends_where_blender_rounds_it():
     scene = scenes.settings(60, 60)
     scene.render.border_min_x, scene.render.border_max_x = 0.3, 0.7
     assert border_window(scene)[::2] == (18, 42)
+
+
+def test_sheared_camera_is_said():
+    """The engine's picture is skewed: rays at right angles would miss what it shows."""
+    obj = scenes.camera()
+    parent = bpy.data.objects.new("Parent", None)
+    bpy.context.scene.collection.objects.link(parent)
+    parent.scale = (2.0, 0.5, 1.0)
+    obj.parent = parent
+    bpy.context.view_layer.update()
+    scene = scenes.settings(120, 70)
+    if not obj.rotation_euler.x % (0.5 * np.pi):
+        obj.rotation_euler.x = 0.7
+        bpy.context.view_layer.update()
+    with pytest.raises(RefractiveGlassError, match="sheared"):
+        read_viewpoint(scene, scenes.depsgraph())

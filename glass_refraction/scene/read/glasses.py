@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -16,7 +17,7 @@ from ..names import RefractiveGlassError, own
 from .animation import may_change
 from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass
 from .modifier_inputs import data_path, has_input, read_input
-from .visibility import rendered_objects
+from .visibility import layer_objects, rendered_objects
 
 # Blender's transforms are float32: differences up to this are rounding, not shear.
 _RIGID_TOLERANCE = 1e-4
@@ -194,7 +195,7 @@ def instanced_glasses(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]
     They are found by what empties, particles and nodes name. The dependency graph would tell what
     is shown; but to list its instances crashes Blender where objects were deleted since.
     """
-    here = set(view_layer.objects)
+    here = layer_objects(view_layer)
     others = [
         obj
         for obj in bpy.data.objects
@@ -214,6 +215,18 @@ def instanced_glasses(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]
 def all_glasses(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
     """The glasses that renders of the view layer show, in their own places or by instances."""
     return glass_objects(view_layer) + instanced_glasses(view_layer)
+
+
+def instances(
+    depsgraph: bpy.types.Depsgraph,
+) -> Iterator[tuple[bpy.types.Object, bpy.types.DepsgraphObjectInstance]]:
+    """Objects that the depsgraph shows by instances, with each instance, which the next replaces.
+
+    Not to be called where nobody has evaluated the scene since objects were deleted.
+    """
+    for instance in depsgraph.object_instances:
+        if instance.is_instance and instance.show_self:
+            yield instance.object.original, instance
 
 
 def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
@@ -270,9 +283,9 @@ def merged_glasses(
         # can crash Blender.
         return []
     instanced = {
-        (i.parent.name, i.object.name)
-        for i in depsgraph.object_instances
-        if i.is_instance and i.parent is not None
+        (instance.parent.name, obj.name)
+        for obj, instance in instances(depsgraph)
+        if instance.parent is not None
     }
     return [(host, glass) for host, glass in taken if (host.name, glass.name) not in instanced]
 
@@ -341,10 +354,7 @@ def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = No
     for obj in glass_objects(depsgraph.view_layer, ever=True):
         if is_shown(obj, depsgraph):
             read(obj)
-    for instance in depsgraph.object_instances:
-        if not (instance.is_instance and instance.show_self):
-            continue
-        obj = instance.object.original
+    for obj, instance in instances(depsgraph):
         if obj.type == "MESH" and glass_modifier(obj) is not None:
             read(obj, np.array(instance.matrix_world, float))
     if problems is not None:
@@ -437,22 +447,21 @@ def _read_mesh(
 
 
 def read_mesh_interface(
-    evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph
-) -> tuple[Glass, np.ndarray]:
-    """An (evaluated) glass that is a mesh, without its triangles, and its world matrix (4, 4).
+    evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph, to_world: np.ndarray
+) -> Glass:
+    """An (evaluated) glass that is a mesh, without its triangles, in a place (4, 4).
 
     Raises
     ------
     RefractiveGlassError
     """
-    to_world = np.array(evaluated.matrix_world, float)
     nothing = np.zeros((0, 3, 3))
 
     def shape(interface: Interface) -> MeshGlass:
         return MeshGlass(nothing, nothing, **vars(interface))
 
     modifier = glass_modifier(evaluated)
-    return _mesh_of(evaluated, depsgraph, modifier, to_world, shape), to_world
+    return _mesh_of(evaluated, depsgraph, modifier, to_world, shape)
 
 
 def _mesh_of(

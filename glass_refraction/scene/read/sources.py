@@ -45,13 +45,9 @@ def source_objects(
     """
     found = []
     for obj in rendered_objects(view_layer, ever=ever):
-        if own(obj) or obj.type not in _MESH_TYPES | _CONVERTED_TYPES:
+        if own(obj) or not _may_be_seen(obj):
             continue
         if not (obj.visible_camera or (ever and may_change(obj, "visible_camera"))):
-            continue
-        if obj.type == "EMPTY" and obj.instance_collection is None:
-            continue
-        if obj.type == "MESH" and glass_modifier(obj) is not None:
             continue
         if obj.mode == "EDIT":
             if problems is not None:
@@ -61,6 +57,16 @@ def source_objects(
             continue
         found.append(obj)
     return found
+
+
+def _may_be_seen(obj: bpy.types.Object) -> bool:
+    """Whether an object has, or shows instances of, anything that is no glass."""
+    if obj.type == "EMPTY":
+        shown = obj.instance_collection
+        return shown is not None and any(map(_may_be_seen, shown.all_objects))
+    if obj.type == "MESH" and glass_modifier(obj) is not None:
+        return False
+    return obj.type in _MESH_TYPES | _CONVERTED_TYPES
 
 
 def seen_through(

@@ -13,6 +13,9 @@ from ..names import RefractiveGlassError
 from .arrays import affine
 from .glasses import Glass
 
+_SHEAR = 1e-3
+"""By how much a camera's axes may differ from right angles, as a part: a pixel in a thousand."""
+
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
@@ -168,7 +171,12 @@ def read_viewpoint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Vi
         raise RefractiveGlassError(
             f'Camera "{camera.name}" has a place or a lens that is no number: enter its values anew'
         )
-    u, _, vt = np.linalg.svd(to_world[:3, :3])
+    u, stretch, vt = np.linalg.svd(to_world[:3, :3])
+    if np.ptp(stretch) > _SHEAR:
+        raise RefractiveGlassError(
+            f'Camera "{camera.name}" is sheared by an uneven scale of its parents: apply that '
+            "scale (Ctrl A), or clear the camera's parent"
+        )
     rotation = (u @ vt).T
     eye = to_world[:3, 3].copy()
     to_camera = np.eye(4)

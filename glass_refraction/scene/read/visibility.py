@@ -32,8 +32,8 @@ def rendered_objects(
     ``ever``: those too that are hidden now and that another frame may show.
     """
     seen = set()
-    for layer_collection in _rendered_collections(view_layer.layer_collection):
-        for obj in layer_collection.collection.objects:
+    for collection in _collections(view_layer.layer_collection, rendered=True):
+        for obj in collection.objects:
             hidden = obj.hide_render and not (ever and may_change(obj, "hide_render"))
             if hidden or obj.session_uid in seen:
                 continue
@@ -41,10 +41,17 @@ def rendered_objects(
             yield obj
 
 
-def _rendered_collections(layer_collection) -> Iterator[bpy.types.LayerCollection]:
-    if layer_collection.collection.hide_render:
+def layer_objects(view_layer: bpy.types.ViewLayer) -> set[bpy.types.Object]:
+    """The view layer's objects; its own list of them is old until it is evaluated."""
+    collections = _collections(view_layer.layer_collection, rendered=False)
+    return {obj for collection in collections for obj in collection.objects}
+
+
+def _collections(layer_collection, *, rendered: bool) -> Iterator[bpy.types.Collection]:
+    """The collections that a view layer does not exclude; only those that renders show, or all."""
+    if rendered and layer_collection.collection.hide_render:
         return
     if not layer_collection.exclude:
-        yield layer_collection
+        yield layer_collection.collection
     for child in layer_collection.children:
-        yield from _rendered_collections(child)
+        yield from _collections(child, rendered=rendered)
