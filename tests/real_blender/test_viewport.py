@@ -124,6 +124,11 @@ def test_a_glass_of_ior_1_is_not_seen(found):
     assert found["clear"] < 20
 
 
+def test_an_instance_of_a_glass_is_seen_as_the_glass(found):
+    """In its place, and once it moved."""
+    assert max(found["instances"]) < 20
+
+
 def test_nothing_happens_on_a_still_scene(found):
     assert found["still"]
 

@@ -296,6 +296,48 @@ def clear():
     flat_view(area, "SOLID")
 
 
+def instances():
+    """How many pixels differ where an instance of the glass stands for it, also once it moved.
+
+    The glass is in a collection that the view layer excludes, as what is instanced often is.
+    """
+    (area,) = areas()
+    flat_view(area, "SOLID")
+    area.spaces.active.overlay.show_overlays, area.spaces.active.overlay.show_text = True, False
+    bpy.ops.object.select_all(action="DESELECT")
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    glass, by = bpy.data.objects["Glass"], Vector((0.02, 0.0, 0.0))
+    homes = list(glass.users_collection)
+    away, empty = bpy.data.collections.new("Away"), bpy.data.objects.new("Instance", None)
+    pictures = []
+    with unsmoothed():
+        for number in range(2):
+            glass.delta_location = number * by
+            yield from rest()
+            pictures.append((yield from settled(f"viewport_itself_{number}", area)))
+        glass.delta_location = (0.0, 0.0, 0.0)
+        for home in homes:
+            home.objects.unlink(glass)
+        away.objects.link(glass)
+        scene.collection.children.link(away)
+        layer.layer_collection.children[away.name].exclude = True
+        empty.instance_type, empty.instance_collection = "COLLECTION", away
+        empty.empty_display_size = 0.0
+        scene.collection.objects.link(empty)
+        for number, picture in enumerate(pictures):
+            empty.location = number * by
+            yield from rest()
+            shown = yield from settled(f"viewport_instance_{number}", area)
+            off = np.abs(shown - picture).max(axis=2) > SEEN_STEP
+            result.setdefault("instances", []).append(int(off.sum()))
+    bpy.data.objects.remove(empty)
+    for home in homes:
+        home.objects.link(glass)
+    bpy.data.collections.remove(away)
+    flat_view(area, "SOLID")
+    yield from rest()
+
+
 def stillness():
     """Whether draws and operations come to an end while nothing happens."""
     views = module()
@@ -526,6 +568,7 @@ def steps():
         moved_camera,
         lines,
         clear,
+        instances,
         stillness,
         memory,
         orbit,
