@@ -5,6 +5,7 @@ import bpy
 import pytest
 import scenes
 
+from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import material_link
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass
 from glass_refraction.scene.read.modifier_inputs import data_path, read_input, write_input
@@ -51,6 +52,19 @@ def test_each_follows_the_other(kind):
     bpy.context.view_layer.update()
     assert _ior(obj) == pytest.approx(2.0)
     assert read_glass(obj, scenes.depsgraph()).description.ior == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("has_material", [False, True])
+def test_a_reference_of_colours_changes_no_ior(has_material):
+    """It lends the mesh a material for each colour, which the modifier once followed."""
+    scenes.camera()
+    obj = _glass(*([_material()[0]] if has_material else []))
+    write_input(glass_modifier(obj), "Abbe Number", 20.0)
+    bpy.context.view_layer.update()
+    before = _ior(obj)
+    render_reference(scenes.settings(16, 12, samples=1))
+    bpy.context.view_layer.update()
+    assert _ior(obj) == before
 
 
 def test_the_medium_by_name_is_the_materials_too():

@@ -192,7 +192,7 @@ def material_interface(material: bpy.types.Material | None) -> Interface | None:
 
 def interface_node(material: bpy.types.Material | None) -> bpy.types.ShaderNode | None:
     """The node of a material that says what a glass is, see `material_interface`."""
-    if material is None or material.node_tree is None or own(material, "glass"):
+    if material is None or material.node_tree is None or own(material):
         return None
     shaders = (node for node in material.node_tree.nodes if node.type in _READERS)
     linked = (node for node in shaders if any(output.is_linked for output in node.outputs))
