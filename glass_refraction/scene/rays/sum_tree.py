@@ -81,7 +81,8 @@ class Pictures:
         """
         self.write(packed.where, number, "where")
         self.write(packed.colour, number, "colour")
-        self.write(packed.alpha(weight), number, "alpha")
+        if f"{number} alpha" in self._found:
+            self.write(packed.alpha(weight), number, "alpha")
         for level in range(len(packed.pairs)):
             first, second = packed.pairs.pop(0)
             self.write(first, number, "first", level)
