@@ -212,3 +212,29 @@ def test_blenders_compositor_adds_up_the_same(tmp_path):
     expected += 0.5 * world
     np.testing.assert_allclose(found[..., :3].reshape(-1, 3), expected, rtol=2e-4)
     np.testing.assert_allclose(found[..., 3], 1.0, atol=2e-3)
+
+
+def test_a_view_looked_up_at_its_own_pixels_is_itself(tmp_path):
+    """Edges along the picture's axes are as sharp as they were, up to the picture's border."""
+    scene = scenes.settings(32, 24, samples=1)
+    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.display.shading.light = "FLAT"
+    scene.display.shading.color_type = "MATERIAL"
+    scene.display.render_aa = "OFF"
+    scenes.camera(tilt=np.pi / 2)
+    wall = scenes.striped_wall()
+    for number, material in enumerate(wall.data.materials):
+        material.diffuse_color = (0.2 + 0.3 * number, 0.5, 0.9 - 0.4 * number, 1.0)
+    pixel = np.arange(32 * 24)
+    everywhere = PackedPixels(pixel)
+    own_places = pixel_places((32, 24)).reshape(-1, 4)[:, :2]
+
+    def fill(pictures):
+        pictures.write_view(0, pack(everywhere, pixel, own_places, np.ones((768, 3))), pixel)
+        pictures.write(everywhere.spread(np.zeros((24, 32))), "spread")
+        pictures.write(everywhere.known(np.zeros((768, 3)), pixel), "known")
+
+    plain = scenes.picture(scene, tmp_path, "plain")[..., :3]
+    assert np.abs(np.diff(plain, axis=1)).max() > 0.3
+    found = _composited(scene, tmp_path, fill)[..., :3]
+    np.testing.assert_allclose(found, plain, rtol=0.0, atol=0.012 * np.ptp(plain))
