@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -90,11 +90,48 @@ class BoundedGlass:
 
     def around(self, medium: int) -> tuple[tuple[int, Interface], ...]:
         """The interfaces of a medium, numbered."""
-        return tuple(
-            (number, interface)
-            for number, interface in enumerate(self.interfaces)
-            if medium in (interface.front, interface.back)
-        )
+        return self._around.get(medium, ())
+
+    @cached_property
+    def _around(self) -> dict[int, tuple[tuple[int, Interface], ...]]:
+        found: dict[int, list[tuple[int, Interface]]] = {}
+        for number, interface in enumerate(self.interfaces):
+            for medium in {interface.front, interface.back}:
+                found.setdefault(medium, []).append((number, interface))
+        return {medium: tuple(some) for medium, some in found.items()}
+
+    @cached_property
+    def searched(self) -> dict[int, list[tuple[int, Interface]]]:
+        """`around` every medium in the order in which a ray's next interface is looked for.
+
+        All faces of a fence are one: they are numbered one behind another, and met at once.
+        """
+        # Many faces and profiles last: what lies behind another interface need not be looked for
+        # there.
+        return {
+            medium: sorted(_met_at_once(some), key=lambda part: _costs(part[1]))
+            for medium, some in self._around.items()
+        }
+
+    def beyond(self, medium: int) -> NDArray[np.int8]:
+        """What is beyond each interface, for one who is in a medium."""
+        front, back = self._sides
+        return np.where(back == medium, front, back)
+
+    @cached_property
+    def _sides(self) -> NDArray[np.int8]:
+        """The media (2, N) in front of all interfaces and behind them."""
+        sides = [(interface.front, interface.back) for interface in self.interfaces]
+        return np.array(sides, np.int8).reshape(-1, 2).T
+
+    @cached_property
+    def steady(self) -> Floats:
+        """The unit normals (N, 3) of interfaces that have the same everywhere, NaN of others."""
+        found = np.full((len(self.interfaces), 3), np.nan)
+        for number, interface in enumerate(self.interfaces):
+            if isinstance(interface.surface, (Plane, Side)):
+                found[number] = interface.surface.normal(*np.zeros(3))
+        return found
 
 
 class AxialGlass(BoundedGlass):
@@ -284,16 +321,11 @@ def nearest(
     met = np.full(len(rays.place[0]), -1, dtype=np.intp)
     least = np.full(len(met), np.inf)
     marks = np.zeros(len(met))
-    # Many faces and profiles last: what lies behind another interface need not be looked for there.
-    fence = None
-    for number, interface in sorted(glass.around(medium), key=lambda part: _costs(part[1])):
+    for number, interface in glass.searched.get(medium, ()):
         surface, back, spot = interface.surface, interface.back == medium, None
         if isinstance(surface, Side):
-            # All faces of a fence at once; they are numbered one behind another.
-            if surface.fence is not fence:
-                fence = surface.fence
-                at, face, way = fence.meet(rays, back, least)
-                met[at], least[at] = number + face, way
+            at, face, way = surface.fence.meet(rays, back, least)
+            met[at], least[at] = number + face, way
             continue
         if isinstance(surface, Profile):
             way, ahead, (_, spot) = surface.meet_at(rays, back, limit=least)
@@ -309,6 +341,19 @@ def nearest(
         if spot is not None:
             marks[closer] = spot[closer]
     return met, np.where(met >= 0, np.maximum(least, 0.0), 0.0), marks
+
+
+def _met_at_once(
+    interfaces: Iterable[tuple[int, Interface]],
+) -> Iterator[tuple[int, Interface]]:
+    """Numbered interfaces, of the faces of each fence the first alone."""
+    fence = None
+    for number, interface in interfaces:
+        if not isinstance(interface.surface, Side):
+            yield number, interface
+        elif interface.surface.fence is not fence:
+            fence = interface.surface.fence
+            yield number, interface
 
 
 def _costs(interface: Interface) -> int:

@@ -599,14 +599,13 @@ class _Meeting:
     def normals(self) -> tuple[Floats, Floats]:
         """Unit normals (3, n) in the world, for shading and of the surface: the same."""
         body = self.glass.body
-        found = np.zeros((3, len(self.index)))
-        place = self.rays.at(self.way / body.scale)
-        for number in np.unique(self.interface):
+        found = columns(body.steady.T, self.interface)
+        for number in np.unique(self.interface[np.isnan(found[0])]):
             some = np.flatnonzero(self.interface == number)
             surface = body.interfaces[number].surface
-            here = tuple(part[some] for part in place)
+            place = self.rays.take(some).at(self.way[some] / body.scale)
             marks = (self.mark[some],) if isinstance(surface, Profile) else ()
-            for axis, part in enumerate(surface.normal(*here, *marks)):
+            for axis, part in enumerate(surface.normal(*place, *marks)):
                 found[axis][some] = part
         found = rotated(self.glass.pose[:3, :3], found)
         return found, found
@@ -648,6 +647,8 @@ def _meetings(
     place, direction, media = live.place[:, block], live.direction[:, block], live.medium[number]
     media = media[block]
     candidates = np.flatnonzero((media > 0) | glass.near(place, direction))
+    if not len(candidates):
+        return []
     place, direction = glass.inward(columns(place, candidates), columns(direction, candidates))
     media = media[candidates]
     body = glass.body
@@ -663,7 +664,6 @@ def _meetings(
         if not len(on):
             continue
         interface = interface[on]
-        beyond = np.array([part.beyond(int(medium)) for part in body.interfaces], dtype=np.int8)
         found.append(
             _Meeting(
                 number,
@@ -672,7 +672,7 @@ def _meetings(
                 way[on] * body.scale,
                 interface,
                 mark[on],
-                beyond[interface],
+                body.beyond(int(medium))[interface],
                 rays.take(on),
             )
         )

@@ -32,11 +32,16 @@ class Outline:
     corners: tuple[tuple[float, float], ...]
 
     @cached_property
+    def _bounds(self) -> Floats:
+        """The lowest and the highest corner (2, 2) of the polygon's box."""
+        corners = np.array(self.corners)
+        return np.array((corners.min(axis=0), corners.max(axis=0)))
+
+    @cached_property
     def _box(self) -> tuple[Floats, Floats]:
         """The lower corner (2,) of the polygon's box, and the size (2,) of a cell."""
-        corners = np.array(self.corners)
-        low = corners.min(axis=0)
-        size = corners.max(axis=0) - low
+        low, high = self._bounds
+        size = high - low
         return low, np.where(size > 0.0, size, 1.0) / CELLS
 
     @cached_property
@@ -91,7 +96,7 @@ class Outline:
 
     def _beyond(self, x, y) -> tuple[Floats, Floats]:
         """How far places lie beyond the box along x and along y; 0 within."""
-        low, high = np.min(self.corners, axis=0), np.max(self.corners, axis=0)
+        low, high = self._bounds
         first, second = (
             np.maximum(np.maximum(low[axis] - part, part - high[axis]), 0.0)
             for axis, part in ((0, x), (1, y))

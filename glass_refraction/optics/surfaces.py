@@ -284,21 +284,28 @@ class Fence:
     high: float
 
     @cached_property
-    def _runs(self) -> list[tuple[int, tuple[Floats, ...], tuple[float, float, float]]]:
-        """Runs of faces: number of the first; of each face, as columns (K, 1), begin, unit vector
-        from there, and length; a circle (x, y, radius) round all of them."""
+    def _runs(self) -> list[tuple[Floats, ...]]:
+        """Runs of faces: of each face, as columns (K, 1), begin, unit vector from there, length."""
         begin, end = np.moveaxis(np.array(self.outline.sides), 1, 0)
         length = np.hypot(*(end - begin).T)
         faces = np.column_stack((begin, (end - begin) / length[:, None], length))
-        runs = []
-        for first in range(0, len(faces), RUN):
-            some = slice(first, first + RUN)
-            corners = np.concatenate((begin[some], end[some]))
+        return [
+            tuple(column[:, None] for column in faces[first : first + RUN].T)
+            for first in range(0, len(faces), RUN)
+        ]
+
+    @cached_property
+    def _circles(self) -> tuple[Floats, Floats, Floats]:
+        """Circles (x, y, radius), as columns (R, 1), round the faces of each run."""
+        found = []
+        for bx, by, ax, ay, length in self._runs:
+            corners = np.hstack(
+                (np.vstack((bx, bx + length * ax)), np.vstack((by, by + length * ay)))
+            )
             middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-            radius = np.hypot(*(corners - middle).T).max()
-            columns = tuple(column[:, None] for column in faces[some].T)
-            runs.append((first, columns, (*middle.tolist(), float(radius))))
-        return runs
+            found.append((*middle, np.hypot(*(corners - middle).T).max()))
+        x, y, radius = np.array(found).T[:, :, None]
+        return x, y, radius
 
     def meet(
         self, rays: Rays, back: bool, limit: Floats
@@ -307,19 +314,16 @@ class Fence:
 
         `back`: they come from within.
         """
-        near = self._near(rays, limit)
+        near, passed = self._near(rays, limit)
         face, least = np.full(len(near), -1), limit[near]
         rays = rays.take(near)
-        (x, y, _), (px, py, _) = rays.place, rays.momentum
-        across = np.hypot(px, py)
-        # As wide as faces are taken to be, and more for rounding.
-        skin = 4.0 * SKIN * (1.0 + np.abs(x) + np.abs(y))
-        for first, faces, (cx, cy, radius) in self._runs:
-            apart = np.abs((cx - x) * py - (cy - y) * px)
-            some = np.flatnonzero(apart <= (radius + skin) * across)
+        for number, faces in enumerate(self._runs):
+            some = np.flatnonzero(passed[number])
+            if not len(some):
+                continue
             found, way = self._first(faces, rays.take(some), back, least[some])
             met = np.flatnonzero(found >= 0)
-            face[some[met]], least[some[met]] = first + found[met], way[met]
+            face[some[met]], least[some[met]] = RUN * number + found[met], way[met]
         met = face >= 0
         return near[met], face[met], least[met]
 
@@ -345,8 +349,11 @@ class Fence:
         least = way[face, np.arange(len(face))]
         return np.where(np.isfinite(least), face, -1), least
 
-    def _near(self, rays: Rays, limit: Floats) -> NDArray[np.intp]:
-        """Which rays may meet a face within a way of at most `limit`: all others do not."""
+    def _near(self, rays: Rays, limit: Floats) -> tuple[NDArray[np.intp], Flags]:
+        """Which rays may meet a face within a way of at most `limit`: all others do not.
+
+        Second, (R, n): the runs whose circles they come into.
+        """
         z, rise = rays.place[2], rays.momentum[2]
         level = np.abs(rise) < LEAST
         per = 1.0 / np.where(level, 1.0, rise)
@@ -362,8 +369,16 @@ class Fence:
         across = np.hypot(rays.momentum[0], rays.momentum[1])
         way = across * (end - begin)
         # What is rounded in places far off counts as well.
-        skin = skin * (1.0 + np.abs(x) + np.abs(y) + np.abs(z))
-        return np.flatnonzero((end - begin >= -skin) & (way + skin >= self.outline.clear(x, y)))
+        skin = skin * (1.0 + sum(np.abs(part) for part in (x, y, *rays.place)))
+        near = np.flatnonzero((end - begin >= -skin) & (way + skin >= self.outline.clear(x, y)))
+        x, y, way, skin, across = (part[near] for part in (x, y, way, skin, across))
+        ux, uy = (part[near] / np.maximum(across, LEAST) for part in rays.momentum[:2])
+        cx, cy, radius = self._circles
+        # From the way's point nearest to the circle's middle.
+        cx, cy = cx - x, cy - y
+        along = np.clip(cx * ux + cy * uy, 0.0, np.maximum(way, 0.0))
+        away = (cx - along * ux) ** 2 + (cy - along * uy) ** 2
+        return near, away <= (radius + skin) ** 2
 
 
 @dataclass(frozen=True)

@@ -99,6 +99,18 @@ def test_a_glass_leaves_no_material_however_often_its_file_was_saved(way, tmp_pa
     assert left == ([material.name] if "worn" in way else [])
 
 
+def test_a_scene_that_nobody_looks_at_holds_no_material_that_was_removed(scene):
+    _prepare(scene)
+    wall = scene.objects["Wall"]
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    bpy.data.materials.remove(wall.data.materials[0])
+    handlers._prepare(scene)
+    copies = [obj for obj in bpy.data.objects if own(obj, "copy")]
+    worn = {slot.material for copy in copies for slot in copy.material_slots}
+    assert len(worn) > 1
+    assert worn <= {None, *bpy.data.materials}
+
+
 # ------------------------------------------------------------------------------- compositor trees
 
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from .sum_tree import SPLINE_REACH
+from .sum_tree import SHARPENINGS
 from .views import RadianceView
 
 BLOCK_PX = 8
 """Side of the curtain's squares, pixels."""
-REACH_PX = SPLINE_REACH + 2
+REACH_PX = SHARPENINGS + 4
 """Pixels round a place that its lookup, or a pixel filter, can reach."""
 BEHIND_NEAR = 1.05
 """Of the distance at which the view begins to see: where the curtain hangs."""

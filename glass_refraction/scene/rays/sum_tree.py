@@ -14,36 +14,33 @@ from ..read.arrays import write_image
 from ..read.visibility import rendered_layer
 from .samples import EARLY, LEVELS, Packed
 
-_VALUES = "refractive_glass_values"
-SPLINE_REACH = 6
-"""Pixels on either side in the kernel that undoes a spline's blur: 5e-4 is left beyond."""
+SHARPENINGS = 3
+"""Steps that undo a spline's blur: of lines, be they fine or coarse, 1 % of it is left."""
+LEAST_LEFT = 1.0 / 3.0
+"""What a cubic B-spline leaves of the finest lines. Of a chequerboard it leaves 1/9, which
+only noise asks back."""
 
 
-def spline_inverse() -> np.ndarray:
-    """What undoes, at the pixels' centres, the blur of a cubic B-spline, along either axis.
+def sharpening_factors() -> np.ndarray:
+    """Factors f (`SHARPENINGS`,) of steps x + f (y − Bx), from x = y, that solve Bx = y.
 
-    Looked up by a B-spline, a picture that this was applied to is interpolated: at its pixels'
-    centres it has its own values (Unser, "Splines", 1999).
+    B is what a B-spline finds at the pixels' centres. Looked up by it, the solution is
+    interpolated: at its pixels' centres it has the values y (Unser, "Splines", 1999). The start is
+    a step from 0 with the factor 1, so what is even stays exactly as it is. The inverses of all
+    factors are the zeros of a Chebyshev polynomial, which is small from `LEAST_LEFT` to 1.
     """
-    apart = np.abs(np.arange(-SPLINE_REACH, SPLINE_REACH + 1))
-    spline = np.where(apart == 0, 2 / 3, np.where(apart == 1, 1 / 6, 0.0))
-    # Even, so its spectrum is real; and above zero.
-    spectrum = np.fft.fft(np.fft.ifftshift(spline)).real
-    return np.fft.fftshift(np.fft.ifft(1.0 / spectrum).real)
+    count = SHARPENINGS + 1
+    zeros = np.cos((np.arange(count) + 0.5) * np.pi / count)
+    half = (1.0 - LEAST_LEFT) / (1.0 + zeros[0])
+    return 1.0 / (LEAST_LEFT + half * (1.0 + zeros[1:]))
 
 
-def border_factors(size: tuple[int, int]) -> np.ndarray:
-    """By what a picture is multiplied that `spline_inverse` was applied to: (height, width, 4).
-
-    Near the border some of the kernel lies beyond, where it finds nothing: a white picture stays
-    white so.
-    """
-    kernel = spline_inverse()
-    kernel /= kernel.sum()
+def pixel_places(size: tuple[int, int]) -> np.ndarray:
+    """The pixels' own places in a picture of a size: (height, width, 4)."""
     out = np.ones((size[1], size[0], 4), np.float32)
-    for axis, length in enumerate(size):
-        within = 1.0 / np.convolve(np.ones(length), kernel)[SPLINE_REACH : SPLINE_REACH + length]
-        out[..., :3] *= within[:, None] if axis == 0 else within[:, None, None]
+    for axis, count in enumerate(size):
+        places = (np.arange(count) + 0.5) / count
+        out[..., axis] = places if axis == 0 else places[:, None]
     return out
 
 
@@ -84,7 +81,8 @@ class Pictures:
         """
         self.write(packed.where, number, "where")
         self.write(packed.colour, number, "colour")
-        self.write(packed.alpha(weight), number, "alpha")
+        if f"{number} alpha" in self._found:
+            self.write(packed.alpha(weight), number, "alpha")
         for level in range(len(packed.pairs)):
             first, second = packed.pairs.pop(0)
             self.write(first, number, "first", level)
@@ -161,27 +159,12 @@ class _ViewTree(_Lookups):
         self._link(found, self._node("NodeGroupOutput").inputs["Image"])
 
     def _sharpened(self, image):
-        """A view such that a B-spline of it goes through its pixels.
-
-        Beyond the picture's border the convolution finds nothing: that is made up for.
-        """
-        return self._scaled(self._convolved(image), self._split(self._picture("border")))
-
-    def _convolved(self, image):
-        node = self._node("CompositorNodeConvolve")
-        self._link(image, node.inputs["Image"])
-        kernel = next(s for s in node.inputs if s.name == "Kernel" and s.type == "VALUE")
-        self._link(self._kernel(), kernel)
-        return node.outputs["Image"]
-
-    def _kernel(self):
-        name = hidden_name("kernel", "spline")
-        found = (i for i in bpy.data.images if own(i, "kernel") and i.name == name)
-        image = next(found, None) or new_image(name, "kernel")
-        image[_VALUES] = spline_inverse().tolist()
-        node = self._node("CompositorNodeImage")
-        node.image = image
-        return node.outputs["Image"]
+        """A view such that a B-spline of it goes through its pixels, see `sharpening_factors`."""
+        sharp, places = image, self._picture("pixels")
+        for factor in sharpening_factors():
+            lacking = self._vector("SUBTRACT", image, self._at(sharp, places, "Bicubic"))
+            sharp = self._vector("ADD", sharp, self._scaled(lacking, factor))
+        return sharp
 
 
 class SumTree(_Lookups):
@@ -266,14 +249,3 @@ class SumTree(_Lookups):
         node.node_tree = _ViewTree(self._scene, number, kind).tree
         self._link(view.image, node.inputs["Image"])
         return node.outputs["Image"]
-
-
-def write_kernels() -> None:
-    """Write the kernels' pixels, which a file does not keep."""
-    for image in bpy.data.images:
-        if own(image, "kernel"):
-            values = np.array(image[_VALUES])
-            kernel = np.outer(values, values)
-            pixels = np.ones((*kernel.shape, 4), np.float32)
-            pixels[..., :3] = (kernel / kernel.sum())[..., None]
-            write_image(image, pixels)

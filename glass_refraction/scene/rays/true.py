@@ -46,7 +46,7 @@ from .lamps import sun_of
 from .radiance import Clamp
 from .samples import EARLY, LEVELS
 from .sky import sky_of
-from .sum_tree import Pictures, SumTree, border_factors, write_kernels
+from .sum_tree import SHARPENINGS, Pictures, SumTree, pixel_places
 from .things import read_things
 from .views import RadianceView
 
@@ -96,7 +96,6 @@ def prepare(scene: bpy.types.Scene) -> None:
         tree = SumTree(scene, views, alpha=scene.render.film_transparent, light=lit).tree
         tree[_STRUCTURE] = _structure(scene)
         insert_group(scene, tree, views)
-    write_kernels()
     # Whatever was linked above put all scenes off; Blender 5.2 crashes where a render finds it so.
     for changed in (scene, cast, *views):
         for layer in changed.view_layers:
@@ -106,7 +105,7 @@ def prepare(scene: bpy.types.Scene) -> None:
 def _structure(scene: bpy.types.Scene) -> str:
     """What the scene's settings ask of its compositor tree."""
     light = " light" if has_light(scene) else ""
-    return f"true {ROOM} {EARLY} {LEVELS} {scene.render.film_transparent}{light}"
+    return f"true {ROOM} {EARLY} {LEVELS} {SHARPENINGS} {scene.render.film_transparent}{light}"
 
 
 def _stands(scene: bpy.types.Scene) -> bool:
@@ -422,7 +421,7 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
     height, width = result.spread.shape[:2]
-    pictures.write(border_factors((width, height)), "border")
+    pictures.write(pixel_places((width, height)), "pixels")
     for number, light in enumerate(result.light):
         pictures.write(light, number, "light")
     _match_views(scene, views)
