@@ -20,3 +20,17 @@ def amends_depths(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
     """Whether EEVEE draws a view, whose depths are amended: see `glsl.AMENDED`."""
     kind = space.shading.type
     return kind == "MATERIAL" or (kind == "RENDERED" and "EEVEE" in scene.render.engine)
+
+
+def samples_of_engine(
+    scene: bpy.types.Scene, space: bpy.types.SpaceView3D, preferences: bpy.types.Preferences
+) -> int | None:
+    """Redraws after which an engine has refined what a view shows; None: who knows.
+
+    Each redraw adds a sample.
+    """
+    if space.shading.type == "SOLID":
+        kind = preferences.system.viewport_aa
+        return int(kind) if kind.isdigit() else 1
+    # 0 is without end.
+    return scene.eevee.taa_samples or None if amends_depths(scene, space) else None

@@ -25,7 +25,7 @@ from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from . import news, shaders
 from .eye import view_eye
-from .jobs import amends_depths, is_compiling, is_rendering
+from .jobs import amends_depths, is_compiling, is_rendering, samples_of_engine
 from .model import Model
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ MOVING_LAYER, LISTED_LAYER = 0, 3
 between them are for views at rest."""
 REST_SECONDS = 0.15
 """Since the last change: then a view counts as at rest."""
+PATIENCE = 2.0
+"""Redraws in whose time an engine has shown its next sample, if there is one."""
 HOLD_SECONDS = 0.25
 """For which faces of captures may be drawn one after the other."""
 SLICE_SECONDS = 0.05
@@ -123,6 +125,10 @@ class _View:
         """All samples are there; a redraw is due before more can be added."""
         self.is_read = self.is_due = False
         """The direct picture was read after the engine had refined it; the next redraw reads it."""
+        self.refinements = 0
+        """Redraws since something moved: each is a sample of the engine's."""
+        self.is_own = False
+        """The next redraw is only to show what was drawn."""
         self.settled = 0
         """Redraws since a change or a compiled material, see `SETTLED`."""
         self.stage = MOVING
@@ -351,7 +357,9 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     moved = stamp[:-1] != view.stamp[:-1]
-    changed = _read(view, moved, amends_depths(scene, space))
+    view.refinements = 1 if moved or is_compiling() else view.refinements + 1
+    is_last = view.refinements == samples_of_engine(scene, space, context.preferences)
+    changed = _read(view, moved, is_last, amends_depths(scene, space))
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
@@ -381,22 +389,24 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     counters["milliseconds"] += view.python_ms
 
 
-def _read(view: _View, moved: bool, amended: bool) -> bool:
+def _read(view: _View, moved: bool, is_last: bool, amended: bool) -> bool:
     """Read the direct picture if need be; whether it changed, or is still to be read at rest.
 
     An engine refines what it shows from redraw to redraw. Meanwhile a glance tells whether anything
-    changed; all of it is read of what moves, and at rest.
+    changed; all of it is read of what moves, and at rest, which is at once where the engine's
+    ``is_last`` sample is drawn.
     """
     direct, eye = view.painter.direct, view.eye
     differs = direct.glance(view.framebuffer, eye.size)
     changed = False
-    if moved or view.is_due or view.is_read:
+    if moved or is_last or view.is_due or (view.is_read and (differs or not view.is_own)):
         changed = direct.read(view.framebuffer, eye, view.model.frame, amended)
         # The depths of what an engine refines differ too, where a glance may not see it.
-        refined = differs or (changed and not view.is_due)
-        view.is_read, view.is_due = not (moved or refined), False
+        refined = moved or differs or (changed and not view.is_due)
+        view.is_read, view.is_due = is_last or not refined, False
     else:
         direct.python_seconds = 0.0
+    view.is_own = False
     return changed or not view.is_read
 
 
@@ -452,7 +462,6 @@ def _sample(
         way,
         view.captures.textures,
         pixels,
-        disperses=seconds is not None,
         displaced=displaced,
     )
     painter.wait()
@@ -588,9 +597,14 @@ def _rest() -> float | None:
             continue
         # Captures do not wait for the engine to refine what it shows, nor does a first sample.
         at_once = view.captures.left or waits or not view.is_early
-        since = view.changed if at_once else view.refined
-        left = since + REST_SECONDS - time.perf_counter()
+        is_waiting = not (at_once or view.is_read)
+        since, rest = view.changed, REST_SECONDS
+        if is_waiting:
+            since, rest = view.refined, max(rest, PATIENCE * view.plain_seconds)
+        left = since + rest - time.perf_counter()
         if left > 0.0 and not quick:
+            # The engine's last sample may come before.
+            left = min(left, REDRAW_SECONDS) if is_waiting else left
             wait = left if wait is None else min(wait, left)
             continue
         try:
@@ -671,7 +685,8 @@ def _work(view: _View, window, space, region) -> None:
             if time.perf_counter() + captures.seconds > until:
                 break
         if not captures.left:
-            view.is_due, view.waits = not view.is_read, True
+            # What is shown first is of what the engine shows by now.
+            view.is_due, view.waits = not (view.is_read or view.is_early), True
             region.tag_redraw()
         return
     if not view.is_read and view.is_early:
@@ -693,14 +708,17 @@ def _work(view: _View, window, space, region) -> None:
             _sample(view, settings, WAYS, SLICE_SECONDS)
             if painter.is_whole:
                 painter.use(view.layer)
-                region.tag_redraw()
                 if not view.is_early:
                     # To be drawn again of what the engine comes to rest at.
                     view.is_early, view.stage = True, MOVING
+                    _show_own(view, region)
                     return
                 view.round = 0
                 some = painter.begin_edges(LISTED_LAYER, view.layer)
                 view.stage, view.final = MORE, not some
+                if ROUNDS[0] * some > view.plain_seconds * view.slowest[True]:
+                    # It takes longer than a redraw until there is more.
+                    _show_own(view, region)
         else:
             _sample(view, settings, WAYS_MORE, SLICE_SECONDS, edges=True)
             if painter.is_whole and painter.samples >= ROUNDS[view.round]:
@@ -709,7 +727,13 @@ def _work(view: _View, window, space, region) -> None:
                 view.final = view.round == len(ROUNDS) or not painter.begin_spread(LISTED_LAYER)
     if view.final:
         counters["rests"] += 1
-        region.tag_redraw()
+        _show_own(view, region)
+
+
+def _show_own(view: _View, region) -> None:
+    """Have a view drawn though its engine has nothing new to show."""
+    view.is_own = True
+    region.tag_redraw()
 
 
 def _targets(view: _View) -> dict[int, np.ndarray]:
