@@ -23,14 +23,13 @@ def amends_depths(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
 
 
 def samples_of_engine(
-    scene: bpy.types.Scene, space: bpy.types.SpaceView3D, preferences: bpy.types.Preferences
+    space: bpy.types.SpaceView3D, preferences: bpy.types.Preferences
 ) -> int | None:
-    """Redraws after which an engine has refined what a view shows; None: who knows.
+    """Redraws in which an engine refines what a view shows; None: who knows.
 
-    Each redraw adds a sample.
+    Solid shading's adds a sample with each. EEVEE does not keep to its number.
     """
-    if space.shading.type == "SOLID":
-        kind = preferences.system.viewport_aa
-        return int(kind) if kind.isdigit() else 1
-    # 0 is without end.
-    return scene.eevee.taa_samples or None if amends_depths(scene, space) else None
+    if space.shading.type != "SOLID":
+        return None
+    kind = preferences.system.viewport_aa
+    return int(kind) if kind.isdigit() else 1

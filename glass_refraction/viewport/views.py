@@ -40,8 +40,6 @@ MOVING_LAYER, LISTED_LAYER = 0, 3
 between them are for views at rest."""
 REST_SECONDS = 0.15
 """Since the last change: then a view counts as at rest."""
-PATIENCE = 2.0
-"""Redraws in whose time an engine has shown its next sample, if there is one."""
 HOLD_SECONDS = 0.25
 """For which faces of captures may be drawn one after the other."""
 SLICE_SECONDS = 0.05
@@ -50,6 +48,9 @@ EARLY_SECONDS = 0.2
 """The same while the engine refines what it shows: between two slices it draws, for longer."""
 REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
+QUIET = 3
+"""Looks without a redraw between them, after which an engine has no sample left to show: it asks
+for the next one as it shows one."""
 PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
 ROUNDS = (3, 3)
@@ -116,8 +117,8 @@ class _View:
         """The engine leaves the background to the overlay."""
         self.turned = b""
         self.changed = 0.0
-        self.refined = 0.0
-        """When the view was last drawn otherwise than before, by its engine or for a change."""
+        self.quiet = 0
+        """Looks of the timer since the last redraw."""
         self.began = 0.0
         self.is_early = False
         """A whole sample at rest was drawn of what the engine showed before it refined that."""
@@ -126,7 +127,7 @@ class _View:
         self.is_read = self.is_due = False
         """The direct picture was read after the engine had refined it; the next redraw reads it."""
         self.refinements = 0
-        """Redraws since something moved: each is a sample of the engine's."""
+        """Redraws since something moved: each shows a sample more of the engine's."""
         self.is_own = False
         """The next redraw is only to show what was drawn."""
         self.settled = 0
@@ -298,6 +299,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     space, region, scene = context.space_data, context.region, context.scene
     settings = scene.refractive_glass
     view.space = space.as_pointer()
+    view.quiet = 0
     layer = context.view_layer
     if layer.depsgraph is None or space.shading.type == "WIREFRAME":
         return
@@ -358,7 +360,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     moved = stamp[:-1] != view.stamp[:-1]
     view.refinements = 1 if moved or is_compiling() else view.refinements + 1
-    is_last = view.refinements == samples_of_engine(scene, space, context.preferences)
+    is_last = view.refinements == samples_of_engine(space, context.preferences)
     changed = _read(view, moved, is_last, amends_depths(scene, space))
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
@@ -366,10 +368,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     if changed or stamp != view.stamp:
         view.stamp = stamp
         view.final = False
-        if not view.is_read:
-            view.refined = time.perf_counter()
         if moved:
-            view.changed = view.refined
+            view.changed = time.perf_counter()
             # Solid shading's engine has soon refined what it shows.
             view.is_early = view.is_open
             _describe(view, eye)
@@ -595,16 +595,13 @@ def _rest() -> float | None:
         if window.screen.is_animation_playing and not quick:
             wait = PLAYING_SECONDS if wait is None else min(wait, PLAYING_SECONDS)
             continue
+        view.quiet += 1
+        left = view.changed + REST_SECONDS - time.perf_counter()
         # Captures do not wait for the engine to refine what it shows, nor does a first sample.
-        at_once = view.captures.left or waits or not view.is_early
-        is_waiting = not (at_once or view.is_read)
-        since, rest = view.changed, REST_SECONDS
-        if is_waiting:
-            since, rest = view.refined, max(rest, PATIENCE * view.plain_seconds)
-        left = since + rest - time.perf_counter()
+        at_once = view.captures.left or waits or not view.is_early or view.is_read
+        if not at_once and view.quiet < QUIET:
+            left = max(left, REDRAW_SECONDS)
         if left > 0.0 and not quick:
-            # The engine's last sample may come before.
-            left = min(left, REDRAW_SECONDS) if is_waiting else left
             wait = left if wait is None else min(wait, left)
             continue
         try:
@@ -689,8 +686,9 @@ def _work(view: _View, window, space, region) -> None:
             view.is_due, view.waits = not (view.is_read or view.is_early), True
             region.tag_redraw()
         return
-    if not view.is_read and view.is_early:
-        view.is_due = view.waits = True
+    if not view.is_read and (view.is_early or view.quiet >= QUIET):
+        # Of what the engine came to rest at. A sample of what it showed before need not be whole.
+        view.is_due = view.waits = view.is_early = True
         region.tag_redraw()
         return
     settings = scene.refractive_glass
@@ -708,7 +706,7 @@ def _work(view: _View, window, space, region) -> None:
             _sample(view, settings, WAYS, SLICE_SECONDS)
             if painter.is_whole:
                 painter.use(view.layer)
-                if not view.is_early:
+                if not (view.is_early or view.is_read):
                     # To be drawn again of what the engine comes to rest at.
                     view.is_early, view.stage = True, MOVING
                     _show_own(view, region)

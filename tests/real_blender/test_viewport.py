@@ -99,6 +99,12 @@ def test_a_whole_sample_does_not_wait_for_eevee_to_refine(found):
     assert found["moved_camera"]["early"]
 
 
+def test_a_picture_is_read_as_it_moves_and_as_its_engine_comes_to_rest(found):
+    """Between both it is refined, and once more a redraw may come that nobody asked for."""
+    count, samples = found["reads"]
+    assert count <= 3 < int(samples)
+
+
 @pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
 def test_pixels_have_more_samples_where_samples_differ(found, kind):
     counts = {int(float(number)): pixels for number, pixels in found["samples"][kind].items()}
