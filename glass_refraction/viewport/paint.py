@@ -372,6 +372,11 @@ class Painter:
         return int(0.25 * area * width * height)
 
     @property
+    def colours(self) -> int:
+        """Of light that are followed each on its own."""
+        return max(1, len(self._blocks) - 1)
+
+    @property
     def is_whole(self) -> bool:
         """Whether no sample is half drawn."""
         return not self._strips
@@ -502,6 +507,7 @@ class Painter:
         way: Way,
         captures: tuple,
         pixels: int | None = None,
+        each_colour: bool = True,
         displaced=None,
     ) -> int:
         """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
@@ -510,6 +516,7 @@ class Painter:
         ----------
         captures : the textures of all captures, see `capture.Captures.textures`.
         pixels : about how many to draw now; the next call goes on. None: all.
+        each_colour : follow red, green and blue light each on its own, if that differs.
         displaced : `displaced.Displaced`, if it drew what is refracted only.
 
         Returns
@@ -556,7 +563,7 @@ class Painter:
             shader.uniform_int("has_depth", int(self.direct.has_depth))
             if displaced is not None:
                 displaced.bind(shader)
-            for uniform, band in self._passes():
+            for uniform, band in self._passes(each_colour):
                 shader.uniform_block("glasses", uniform)
                 shader.uniform_float("band", band)
                 for rect in strips:
@@ -567,9 +574,9 @@ class Painter:
             layer.samples += 1
         return int(sum(self._area(rect) for rect in strips))
 
-    def _passes(self) -> list[tuple]:
+    def _passes(self, each_colour: bool) -> list[tuple]:
         """Glasses' blocks, and which colours and which part of a sample is drawn with each."""
-        if len(self._blocks) == 1:
+        if not each_colour or self.colours == 1:
             return [(self._blocks[0][1], (1.0, 1.0, 1.0, 1.0))]
         uniforms = [uniform for _, uniform in self._blocks[1:]]
         share = 1.0 / len(uniforms)

@@ -144,7 +144,7 @@ class _View:
         """Least samples a second of a strip, of this sample and of the last whole one; of the
         latter for all pixels and for those at edges."""
         self.speed = 0.0
-        """Samples a second, as measured."""
+        """Rays a second, as measured; a sample may be of one for each colour."""
         self.plain_seconds = 0.1
         self.python_ms = 0.0
 
@@ -373,9 +373,12 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
             # Solid shading's engine has soon refined what it shows.
             view.is_early = view.is_open
             _describe(view, eye)
-            painter.begin(_divisor(view), MOVING_LAYER)
+            divisor = _divisor(view, 1)
+            painter.begin(divisor, MOVING_LAYER)
             view.spent, view.slower = (0, 0.0), math.inf
-            _sample(view, settings, WAYS_MOVING)
+            # Where colours part pixels differ most: first there must be a sample for each.
+            each_colour = divisor == _divisor(view, painter.colours) == 1.0
+            _sample(view, settings, WAYS_MOVING, each_colour=each_colour)
             painter.use(MOVING_LAYER)
         # Else the engine only refines what it shows: what is there stays until better is done.
         if moved or view.is_early:
@@ -432,17 +435,23 @@ def _displaced_version(view: _View) -> int:
     return -1 if view.displaced is None else view.displaced.things.version
 
 
-def _divisor(view: _View) -> float:
-    """Pixels a side of the view for one sample of a moving picture."""
+def _divisor(view: _View, colours: int) -> float:
+    """Pixels a side of the view for one sample of a moving picture, each of so many rays."""
     if view.speed == 0.0:
         return 2.0
     affordable = max(1.0, SHARE_OF_REDRAW * view.plain_seconds * view.speed)
-    steps = math.ceil(math.sqrt(view.painter.pixels / affordable) / PIXELS_STEP)
+    steps = math.ceil(math.sqrt(colours * view.painter.pixels / affordable) / PIXELS_STEP)
     return min(max(PIXELS_STEP * steps, 1.0), MOST_PIXELS)
 
 
 def _sample(
-    view: _View, settings, ways: int, seconds: float | None = None, edges: bool = False
+    view: _View,
+    settings,
+    ways: int,
+    seconds: float | None = None,
+    *,
+    edges: bool = False,
+    each_colour: bool = True,
 ) -> None:
     """One more sample a pixel, or as much of it as these seconds allow; how fast is measured."""
     from .paint import Way
@@ -462,6 +471,7 @@ def _sample(
         way,
         view.captures.textures,
         pixels,
+        each_colour=each_colour,
         displaced=displaced,
     )
     painter.wait()
@@ -477,7 +487,7 @@ def _sample(
         view.slowest[edges], view.slower = view.slower, math.inf
         # Of a whole sample: strips differ, and samples of edges alone tell nothing.
         if not edges:
-            view.speed = drawn / spent
+            view.speed = drawn / spent * (painter.colours if each_colour else 1)
 
 
 def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | None:
@@ -700,7 +710,7 @@ def _work(view: _View, window, space, region) -> None:
             # Into the layer that is not shown.
             view.layer = 3 - view.layer
             painter.begin(1.0, view.layer)
-            view.strip_speed = view.speed / MOST_GROWTH
+            view.strip_speed = view.speed / painter.colours / MOST_GROWTH
             view.stage = FIRST
         elif view.stage == FIRST:
             _sample(view, settings, WAYS, SLICE_SECONDS)
