@@ -687,6 +687,8 @@ def _work(view: _View, window, space, region) -> None:
         while captures.left and not is_compiling():
             captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned)
             counters["faces"] += 1
+            # Blender draws all views after it, of which this one's engine shows nothing new.
+            view.is_own = True
             if is_compiling():
                 view.settled = 0
             if time.perf_counter() + captures.seconds > until:
