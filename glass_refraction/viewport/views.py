@@ -77,6 +77,8 @@ MOST_GROWTH = 4.0
 LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
+SHARE_OF_FACE = 0.25
+"""Of a redraw: after each of an animation one face of a capture is drawn that takes no longer."""
 MOST_AWAY = 20
 """Timers in a row that may find the context of another window."""
 FAR_TARGET = 100.0
@@ -359,6 +361,9 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     moved = stamp[:-1] != view.stamp[:-1]
+    if context.screen.is_animation_playing and not captures.left:
+        # No rest comes that would show what captures were drawn of it.
+        moved = stamp != view.stamp
     view.refinements = 1 if moved or is_compiling() else view.refinements + 1
     is_last = view.refinements == samples_of_engine(space, context.preferences)
     changed = _read(view, moved, is_last, amends_depths(scene, space))
@@ -602,9 +607,15 @@ def _rest() -> float | None:
         if not (view.model.is_shown or waits) or space.as_pointer() not in _shown:
             continue
         quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
+        hold = HOLD_SECONDS
         if window.screen.is_animation_playing and not quick:
-            wait = PLAYING_SECONDS if wait is None else min(wait, PLAYING_SECONDS)
-            continue
+            affordable = SHARE_OF_FACE * view.plain_seconds
+            has_time = view.captures.left and 0.0 < view.captures.seconds < affordable
+            if not has_time or view.quiet:
+                look = REDRAW_SECONDS if has_time else PLAYING_SECONDS
+                wait = look if wait is None else min(wait, look)
+                continue
+            quick, hold = True, 0.0
         view.quiet += 1
         left = view.changed + REST_SECONDS - time.perf_counter()
         # Captures do not wait for the engine to refine what it shows, nor does a first sample.
@@ -615,7 +626,7 @@ def _rest() -> float | None:
             wait = left if wait is None else min(wait, left)
             continue
         try:
-            _work(view, window, space, region)
+            _work(view, window, space, region, hold)
         except Exception as error:
             view.failure = f"{type(error).__name__}: {error}"
             traceback.print_exc()
@@ -644,8 +655,8 @@ def _is_at_home(view: _View, region) -> bool:
     return False
 
 
-def _work(view: _View, window, space, region) -> None:
-    """A face of a capture, or samples for as long as a slice lasts."""
+def _work(view: _View, window, space, region, hold: float) -> None:
+    """Faces of captures for ``hold`` seconds, one at least, or a slice of samples."""
     scene, painter, captures = window.scene, view.painter, view.captures
     if view.waits:
         return
@@ -670,8 +681,9 @@ def _work(view: _View, window, space, region) -> None:
         # Solid shading's faces are fine enough, and cost less than one of an engine's.
         captures.aim({} if space.shading.type == "SOLID" else _targets(view))
     if captures.left:
-        if view.model.key[:2] != (scene.session_uid, generation(scene)):
-            # Drawn anew, the view asks again.
+        is_late = view.model.key[:2] != (scene.session_uid, generation(scene))
+        if is_late and not window.screen.is_animation_playing:
+            # Drawn anew, the view asks again. An animation is always a frame ahead.
             region.tag_redraw()
             view.waits, view.changed = True, time.perf_counter()
             return
@@ -683,7 +695,7 @@ def _work(view: _View, window, space, region) -> None:
         view_3d = scene, window.view_layer, space, region
         wires = painter.direct.wires
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
-        until = time.perf_counter() + HOLD_SECONDS
+        until = time.perf_counter() + hold
         while captures.left and not is_compiling():
             captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned)
             counters["faces"] += 1

@@ -226,6 +226,21 @@ def reads():
     yield from rest()
 
 
+def playing():
+    """Faces of captures that are drawn while an animation plays in which the eraser moves."""
+    (area,) = areas()
+    flat_view(area, "SOLID")
+    yield from rest()
+    faces = module().counters["faces"]
+    with override(area):
+        bpy.ops.screen.animation_play()
+    yield 6.0
+    result["played_faces"] = module().counters["faces"] - faces
+    with override(area):
+        bpy.ops.screen.animation_cancel(restore_frame=True)
+    yield from rest()
+
+
 def samples_of_pixels():
     """How many pixels of the final picture have how many samples, of those that have any."""
     (view,) = [v for v in module()._views.values() if v.painter]
@@ -547,6 +562,7 @@ def steps():
         frames_like_f12,
         moved_camera,
         reads,
+        playing,
         lines,
         clear,
         stillness,
