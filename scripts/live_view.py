@@ -232,6 +232,8 @@ def plain_view() -> None:
 def played() -> float:
     """Frames a second of playback."""
     frames = []
+    # Blender counts a timer's seconds from when it was called, which may be long ago.
+    yield 0.5
     bpy.app.handlers.frame_change_post.append(lambda *_: frames.append(time.perf_counter()))
     with override():
         bpy.ops.screen.animation_play()

@@ -116,6 +116,8 @@ class Captures:
         self.version = 0
         self.seconds = 0.0
         self._stale: set[tuple[int, int]] = set()
+        self._ages: dict[tuple[int, int], int] = {}
+        """Of faces that were drawn, the version that came with each."""
         self._drawn: set[tuple[int, int]] = set()
         self._atlas = None
         self._face = None
@@ -184,6 +186,7 @@ class Captures:
         if key != self._key:
             self._key, self.side = key, side
             self._drawn.clear()
+            self._ages.clear()
             self._wanted.clear()
             self._closes.clear()
             self._face = None
@@ -216,7 +219,7 @@ class Captures:
         wires : of the view's glasses, which overlays draw.
         turned : (3, 3) from the world to the camera that brings its light, if one does.
         """
-        number, face = min(self._stale)
+        number, face = self._next()
         glass = glasses[number % self.glasses]
         if number < self.glasses and all((number, k) in self._stale for k in range(FACES)):
             before = self.centres[number]
@@ -271,7 +274,16 @@ class Captures:
             self._closes[number] = rows * ((1.0 / OPENING,), (1.0 / OPENING,), (1.0,))
         else:
             self._drawn.add((number, face))
+        self._note(number, face)
+
+    def _next(self) -> tuple[int, int]:
+        """The face to draw: what moves may outdate all of them before the last one is drawn."""
+        return min(self._stale, key=lambda one: (self._ages.get(one, -1), one))
+
+    def _note(self, number: int, face: int) -> None:
+        """A face was drawn."""
         self.version += 1
+        self._ages[number, face] = self.version
 
     def _look_behind(self, number: int, glass: Posed) -> None:
         """See whether a glass needs a second capture, behind what hides much from its first."""

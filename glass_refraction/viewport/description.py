@@ -24,7 +24,7 @@ import numpy as np
 from ..optics.axial import SOLID, AxialGlass, BoundedGlass
 from ..optics.bodies import Prism
 from ..optics.profiles import Profile
-from ..optics.surfaces import Cylinder, Lid, Plane, Shell, Side
+from ..optics.surfaces import Cylinder, Lid, Outline, Plane, Shell, Side
 from .trees import MeshBody, Tree
 
 ROWS = 4096
@@ -297,7 +297,7 @@ def _table(body: BoundedGlass) -> _Table:
         elif kind == LID:
             head[one, 0] = surface.height
             sides = np.array(surface.outline.sides).reshape(-1, 4)
-            head[one, 2] = len(sides)
+            head[one, 2:] = len(sides), _room_in(surface.outline, body) ** 2
             add(one, 1, sides)
         elif kind == PLANE:
             head[one, :3] = surface.height, surface.inner, surface.outer
@@ -326,6 +326,21 @@ def _table(body: BoundedGlass) -> _Table:
             head[two, 1] = len(bunches) // 2
             add(two, 2, _cubics(surface))
     return _Table(np.concatenate([head, *more]), count, tuple(pointers))
+
+
+def _room_in(outline: Outline, body: BoundedGlass) -> float:
+    """Radius of the circle round the middle of a body's box that lies within its outline; 0: none.
+
+    In units of the body. Rays that stay in it meet no side.
+    """
+    middle = 0.5 * body.box.sum(axis=0)[:2] / body.scale
+    if not outline.holds(*middle):
+        return 0.0
+    begin, end = np.swapaxes(np.array(outline.sides), 0, 1)
+    along = end - begin
+    part = np.einsum("nk,nk->n", middle - begin, along) / np.einsum("nk,nk->n", along, along)
+    nearest = begin + np.clip(part, 0.0, 1.0)[:, None] * along
+    return float(np.linalg.norm(nearest - middle, axis=1).min())
 
 
 _KINDS = {

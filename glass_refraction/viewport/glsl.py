@@ -400,6 +400,8 @@ int next_interface(int g, int m, vec3 o, vec3 d, float reach, int skip, out floa
   float outward = dot(o.xy, d.xy);
   float ell = o.x * d.y - o.y * d.x;
   float size2 = dot(o.xy, o.xy);
+  vec2 middle = row(2 + GLASS_ROWS * g).xy;
+  bool sides = false;
   for (int k = 0; k < count; k++) {
     int at = first + INTERFACE_ROWS * k;
     vec4 face = row(at);
@@ -429,12 +431,23 @@ int next_interface(int g, int m, vec3 o, vec3 d, float reach, int skip, out floa
           float r = length(p);
           t = r >= s.y && r <= s.z ? t : NOWHERE;
         }
-        else if (!in_outline(int(s.y), int(s.z), p)) {
-          t = NOWHERE;
+        else {
+          p -= middle;
+          if (dot(p, p) >= s.w && !in_outline(int(s.y), int(s.z), p + middle)) {
+            t = NOWHERE;
+          }
         }
       }
     }
     else if (kind == SIDE) {
+      if (!sides) {
+        /* All that follow are sides. Within a circle that lies in the outline none is met. */
+        sides = true;
+        vec2 begin = o.xy - middle, end = begin + way * d.xy;
+        if (met >= 0 && max(dot(begin, begin), dot(end, end)) < row(met + 1).w) {
+          break;
+        }
+      }
       float away = d.x * s.w - d.y * s.z;
       if (back ? away > 0.0 : away < 0.0) {
         t = ((s.x - o.x) * s.w - (s.y - o.y) * s.z) / away;

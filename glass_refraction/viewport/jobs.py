@@ -20,3 +20,16 @@ def amends_depths(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
     """Whether EEVEE draws a view, whose depths are amended: see `glsl.AMENDED`."""
     kind = space.shading.type
     return kind == "MATERIAL" or (kind == "RENDERED" and "EEVEE" in scene.render.engine)
+
+
+def samples_of_engine(
+    space: bpy.types.SpaceView3D, preferences: bpy.types.Preferences
+) -> int | None:
+    """Redraws in which an engine refines what a view shows; None: who knows.
+
+    Solid shading's adds a sample with each. EEVEE does not keep to its number.
+    """
+    if space.shading.type != "SOLID":
+        return None
+    kind = preferences.system.viewport_aa
+    return int(kind) if kind.isdigit() else 1

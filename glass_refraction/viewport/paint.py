@@ -317,7 +317,9 @@ class Painter:
         self._of = self._layers[0]
         """The layer to which further samples are added, and its pixels (x, y) that get them."""
         self._marks: tuple | None = None
-        self._none = _texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
+        # Of the kinds that they stand for: some drivers compile a shader for each kind anew.
+        self._no_list = _texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
+        self._no_layer = _texture(np.zeros((3, 3, 4), np.float32), "RGBA16F")
         self._used: _Layer | None = None
         self._drawn = self._layers[0]
         self._blocks: list[tuple] = []
@@ -368,6 +370,11 @@ class Painter:
         width, height = self._view.size
         area = sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in self._rects)
         return int(0.25 * area * width * height)
+
+    @property
+    def colours(self) -> int:
+        """Of light that are followed each on its own."""
+        return max(1, len(self._blocks) - 1)
 
     @property
     def is_whole(self) -> bool:
@@ -500,7 +507,7 @@ class Painter:
         way: Way,
         captures: tuple,
         pixels: int | None = None,
-        disperses: bool = False,
+        each_colour: bool = True,
         displaced=None,
     ) -> int:
         """Draw one sample a pixel, ``jitter`` pixels (of the sample's size) off its middle.
@@ -508,8 +515,8 @@ class Painter:
         Parameters
         ----------
         captures : the textures of all captures, see `capture.Captures.textures`.
-        disperses : follow red, green and blue light each on its own, if that differs.
         pixels : about how many to draw now; the next call goes on. None: all.
+        each_colour : follow red, green and blue light each on its own, if that differs.
         displaced : `displaced.Displaced`, if it drew what is refracted only.
 
         Returns
@@ -545,9 +552,9 @@ class Painter:
             shader.uniform_sampler("reach_tx", captures[1])
             shader.uniform_float("jitter", (*jitter, layer.divisor, 0.0))
             is_listed = layer.listed is not None
-            shader.uniform_sampler("list_tx", layer.listed if is_listed else self._none)
-            shader.uniform_sampler("known_tx", self._of.colour if is_listed else self._none)
-            shader.uniform_sampler("counted_tx", self._of.cover if is_listed else self._none)
+            shader.uniform_sampler("list_tx", layer.listed if is_listed else self._no_list)
+            shader.uniform_sampler("known_tx", self._of.colour if is_listed else self._no_layer)
+            shader.uniform_sampler("counted_tx", self._of.cover if is_listed else self._no_layer)
             shader.uniform_int("is_listed", int(is_listed))
             shader.uniform_float("least", way.least)
             shader.uniform_int("most", way.most)
@@ -556,7 +563,7 @@ class Painter:
             shader.uniform_int("has_depth", int(self.direct.has_depth))
             if displaced is not None:
                 displaced.bind(shader)
-            for uniform, band in self._passes(disperses):
+            for uniform, band in self._passes(each_colour):
                 shader.uniform_block("glasses", uniform)
                 shader.uniform_float("band", band)
                 for rect in strips:
@@ -567,9 +574,9 @@ class Painter:
             layer.samples += 1
         return int(sum(self._area(rect) for rect in strips))
 
-    def _passes(self, disperses: bool) -> list[tuple]:
+    def _passes(self, each_colour: bool) -> list[tuple]:
         """Glasses' blocks, and which colours and which part of a sample is drawn with each."""
-        if not disperses or len(self._blocks) == 1:
+        if not each_colour or self.colours == 1:
             return [(self._blocks[0][1], (1.0, 1.0, 1.0, 1.0))]
         uniforms = [uniform for _, uniform in self._blocks[1:]]
         share = 1.0 / len(uniforms)

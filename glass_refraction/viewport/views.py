@@ -25,7 +25,7 @@ from ..scene.read.glasses import glass_modifier, instanced_glasses
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from . import news, shaders
 from .eye import view_eye
-from .jobs import amends_depths, is_compiling, is_rendering
+from .jobs import amends_depths, is_compiling, is_rendering, samples_of_engine
 from .model import Model
 
 if TYPE_CHECKING:
@@ -48,6 +48,9 @@ EARLY_SECONDS = 0.2
 """The same while the engine refines what it shows: between two slices it draws, for longer."""
 REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
+QUIET = 3
+"""Looks without a redraw between them, after which an engine has no sample left to show: it asks
+for the next one as it shows one."""
 PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
 ROUNDS = (3, 3)
@@ -74,6 +77,8 @@ MOST_GROWTH = 4.0
 LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
+SHARE_OF_FACE = 0.25
+"""Of a redraw: after each of an animation one face of a capture is drawn that takes no longer."""
 MOST_AWAY = 20
 """Timers in a row that may find the context of another window."""
 FAR_TARGET = 100.0
@@ -114,8 +119,8 @@ class _View:
         """The engine leaves the background to the overlay."""
         self.turned = b""
         self.changed = 0.0
-        self.refined = 0.0
-        """When the view was last drawn otherwise than before, by its engine or for a change."""
+        self.quiet = 0
+        """Looks of the timer since the last redraw."""
         self.began = 0.0
         self.is_early = False
         """A whole sample at rest was drawn of what the engine showed before it refined that."""
@@ -123,6 +128,10 @@ class _View:
         """All samples are there; a redraw is due before more can be added."""
         self.is_read = self.is_due = False
         """The direct picture was read after the engine had refined it; the next redraw reads it."""
+        self.refinements = 0
+        """Redraws since something moved: each shows a sample more of the engine's."""
+        self.is_own = False
+        """The next redraw is only to show what was drawn."""
         self.settled = 0
         """Redraws since a change or a compiled material, see `SETTLED`."""
         self.stage = MOVING
@@ -137,7 +146,7 @@ class _View:
         """Least samples a second of a strip, of this sample and of the last whole one; of the
         latter for all pixels and for those at edges."""
         self.speed = 0.0
-        """Samples a second, as measured."""
+        """Rays a second, as measured; a sample may be of one for each colour."""
         self.plain_seconds = 0.1
         self.python_ms = 0.0
 
@@ -294,6 +303,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     space, region, scene = context.space_data, context.region, context.scene
     settings = scene.refractive_glass
     view.space = space.as_pointer()
+    view.quiet = 0
     layer = context.view_layer
     if layer.depsgraph is None or space.shading.type == "WIREFRAME":
         return
@@ -353,23 +363,29 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     moved = stamp[:-1] != view.stamp[:-1]
-    changed = _read(view, moved, amends_depths(scene, space))
+    if context.screen.is_animation_playing and not captures.left:
+        # No rest comes that would show what captures were drawn of it.
+        moved = stamp != view.stamp
+    view.refinements = 1 if moved or is_compiling() else view.refinements + 1
+    is_last = view.refinements == samples_of_engine(space, context.preferences)
+    changed = _read(view, moved, is_last, amends_depths(scene, space))
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
     if changed or stamp != view.stamp:
         view.stamp = stamp
         view.final = False
-        if not view.is_read:
-            view.refined = time.perf_counter()
         if moved:
-            view.changed = view.refined
+            view.changed = time.perf_counter()
             # Solid shading's engine has soon refined what it shows.
             view.is_early = view.is_open
             _describe(view, eye)
-            painter.begin(_divisor(view), MOVING_LAYER)
+            divisor = _divisor(view, 1)
+            painter.begin(divisor, MOVING_LAYER)
             view.spent, view.slower = (0, 0.0), math.inf
-            _sample(view, settings, WAYS_MOVING)
+            # Where colours part pixels differ most: first there must be a sample for each.
+            each_colour = divisor == _divisor(view, painter.colours) == 1.0
+            _sample(view, settings, WAYS_MOVING, each_colour=each_colour)
             painter.use(MOVING_LAYER)
         # Else the engine only refines what it shows: what is there stays until better is done.
         if moved or view.is_early:
@@ -383,22 +399,24 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     counters["milliseconds"] += view.python_ms
 
 
-def _read(view: _View, moved: bool, amended: bool) -> bool:
+def _read(view: _View, moved: bool, is_last: bool, amended: bool) -> bool:
     """Read the direct picture if need be; whether it changed, or is still to be read at rest.
 
     An engine refines what it shows from redraw to redraw. Meanwhile a glance tells whether anything
-    changed; all of it is read of what moves, and at rest.
+    changed; all of it is read of what moves, and at rest, which is at once where the engine's
+    ``is_last`` sample is drawn.
     """
     direct, eye = view.painter.direct, view.eye
     differs = direct.glance(view.framebuffer, eye.size)
     changed = False
-    if moved or view.is_due or view.is_read:
+    if moved or is_last or view.is_due or (view.is_read and (differs or not view.is_own)):
         changed = direct.read(view.framebuffer, eye, view.model.frame, amended)
         # The depths of what an engine refines differ too, where a glance may not see it.
-        refined = differs or (changed and not view.is_due)
-        view.is_read, view.is_due = not (moved or refined), False
+        refined = moved or differs or (changed and not view.is_due)
+        view.is_read, view.is_due = is_last or not refined, False
     else:
         direct.python_seconds = 0.0
+    view.is_own = False
     return changed or not view.is_read
 
 
@@ -424,17 +442,23 @@ def _displaced_version(view: _View) -> int:
     return -1 if view.displaced is None else view.displaced.things.version
 
 
-def _divisor(view: _View) -> float:
-    """Pixels a side of the view for one sample of a moving picture."""
+def _divisor(view: _View, colours: int) -> float:
+    """Pixels a side of the view for one sample of a moving picture, each of so many rays."""
     if view.speed == 0.0:
         return 2.0
     affordable = max(1.0, SHARE_OF_REDRAW * view.plain_seconds * view.speed)
-    steps = math.ceil(math.sqrt(view.painter.pixels / affordable) / PIXELS_STEP)
+    steps = math.ceil(math.sqrt(colours * view.painter.pixels / affordable) / PIXELS_STEP)
     return min(max(PIXELS_STEP * steps, 1.0), MOST_PIXELS)
 
 
 def _sample(
-    view: _View, settings, ways: int, seconds: float | None = None, edges: bool = False
+    view: _View,
+    settings,
+    ways: int,
+    seconds: float | None = None,
+    *,
+    edges: bool = False,
+    each_colour: bool = True,
 ) -> None:
     """One more sample a pixel, or as much of it as these seconds allow; how fast is measured."""
     from .paint import Way
@@ -454,7 +478,7 @@ def _sample(
         way,
         view.captures.textures,
         pixels,
-        disperses=seconds is not None,
+        each_colour=each_colour,
         displaced=displaced,
     )
     painter.wait()
@@ -470,7 +494,7 @@ def _sample(
         view.slowest[edges], view.slower = view.slower, math.inf
         # Of a whole sample: strips differ, and samples of edges alone tell nothing.
         if not edges:
-            view.speed = drawn / spent
+            view.speed = drawn / spent * (painter.colours if each_colour else 1)
 
 
 def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | None:
@@ -585,18 +609,26 @@ def _rest() -> float | None:
         if not (view.model.is_shown or waits) or space.as_pointer() not in _shown:
             continue
         quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
+        hold = HOLD_SECONDS
         if window.screen.is_animation_playing and not quick:
-            wait = PLAYING_SECONDS if wait is None else min(wait, PLAYING_SECONDS)
-            continue
+            affordable = SHARE_OF_FACE * view.plain_seconds
+            has_time = view.captures.left and 0.0 < view.captures.seconds < affordable
+            if not has_time or view.quiet:
+                look = REDRAW_SECONDS if has_time else PLAYING_SECONDS
+                wait = look if wait is None else min(wait, look)
+                continue
+            quick, hold = True, 0.0
+        view.quiet += 1
+        left = view.changed + REST_SECONDS - time.perf_counter()
         # Captures do not wait for the engine to refine what it shows, nor does a first sample.
-        at_once = view.captures.left or waits or not view.is_early
-        since = view.changed if at_once else view.refined
-        left = since + REST_SECONDS - time.perf_counter()
+        at_once = view.captures.left or waits or not view.is_early or view.is_read
+        if not at_once and view.quiet < QUIET:
+            left = max(left, REDRAW_SECONDS)
         if left > 0.0 and not quick:
             wait = left if wait is None else min(wait, left)
             continue
         try:
-            _work(view, window, space, region)
+            _work(view, window, space, region, hold)
         except Exception as error:
             view.failure = f"{type(error).__name__}: {error}"
             traceback.print_exc()
@@ -625,8 +657,8 @@ def _is_at_home(view: _View, region) -> bool:
     return False
 
 
-def _work(view: _View, window, space, region) -> None:
-    """A face of a capture, or samples for as long as a slice lasts."""
+def _work(view: _View, window, space, region, hold: float) -> None:
+    """Faces of captures for ``hold`` seconds, one at least, or a slice of samples."""
     scene, painter, captures = window.scene, view.painter, view.captures
     if view.waits:
         return
@@ -651,8 +683,9 @@ def _work(view: _View, window, space, region) -> None:
         # Solid shading's faces are fine enough, and cost less than one of an engine's.
         captures.aim({} if space.shading.type == "SOLID" else _targets(view))
     if captures.left:
-        if view.model.key[:2] != (scene.session_uid, generation(scene)):
-            # Drawn anew, the view asks again.
+        is_late = view.model.key[:2] != (scene.session_uid, generation(scene))
+        if is_late and not window.screen.is_animation_playing:
+            # Drawn anew, the view asks again. An animation is always a frame ahead.
             region.tag_redraw()
             view.waits, view.changed = True, time.perf_counter()
             return
@@ -664,20 +697,24 @@ def _work(view: _View, window, space, region) -> None:
         view_3d = scene, window.view_layer, space, region
         wires = painter.direct.wires
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
-        until = time.perf_counter() + HOLD_SECONDS
+        until = time.perf_counter() + hold
         while captures.left and not is_compiling():
             captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned)
             counters["faces"] += 1
+            # Blender draws all views after it, of which this one's engine shows nothing new.
+            view.is_own = True
             if is_compiling():
                 view.settled = 0
             if time.perf_counter() + captures.seconds > until:
                 break
         if not captures.left:
-            view.is_due, view.waits = not view.is_read, True
+            # What is shown first is of what the engine shows by now.
+            view.is_due, view.waits = not (view.is_read or view.is_early), True
             region.tag_redraw()
         return
-    if not view.is_read and view.is_early:
-        view.is_due = view.waits = True
+    if not view.is_read and (view.is_early or view.quiet >= QUIET):
+        # Of what the engine came to rest at. A sample of what it showed before need not be whole.
+        view.is_due = view.waits = view.is_early = True
         region.tag_redraw()
         return
     settings = scene.refractive_glass
@@ -689,20 +726,23 @@ def _work(view: _View, window, space, region) -> None:
             # Into the layer that is not shown.
             view.layer = 3 - view.layer
             painter.begin(1.0, view.layer)
-            view.strip_speed = view.speed / MOST_GROWTH
+            view.strip_speed = view.speed / painter.colours / MOST_GROWTH
             view.stage = FIRST
         elif view.stage == FIRST:
             _sample(view, settings, WAYS, SLICE_SECONDS)
             if painter.is_whole:
                 painter.use(view.layer)
-                region.tag_redraw()
-                if not view.is_early:
+                if not (view.is_early or view.is_read):
                     # To be drawn again of what the engine comes to rest at.
                     view.is_early, view.stage = True, MOVING
+                    _show_own(view, region)
                     return
                 view.round = 0
                 some = painter.begin_edges(LISTED_LAYER, view.layer)
                 view.stage, view.final = MORE, not some
+                if ROUNDS[0] * some > view.plain_seconds * view.slowest[True]:
+                    # It takes longer than a redraw until there is more.
+                    _show_own(view, region)
         else:
             _sample(view, settings, WAYS_MORE, SLICE_SECONDS, edges=True)
             if painter.is_whole and painter.samples >= ROUNDS[view.round]:
@@ -711,7 +751,13 @@ def _work(view: _View, window, space, region) -> None:
                 view.final = view.round == len(ROUNDS) or not painter.begin_spread(LISTED_LAYER)
     if view.final:
         counters["rests"] += 1
-        region.tag_redraw()
+        _show_own(view, region)
+
+
+def _show_own(view: _View, region) -> None:
+    """Have a view drawn though its engine has nothing new to show."""
+    view.is_own = True
+    region.tag_redraw()
 
 
 def _targets(view: _View) -> dict[int, np.ndarray]:

@@ -99,6 +99,17 @@ def test_a_whole_sample_does_not_wait_for_eevee_to_refine(found):
     assert found["moved_camera"]["early"]
 
 
+def test_a_picture_is_read_as_it_moves_and_as_its_engine_comes_to_rest(found):
+    """Between both it is refined, and once more a redraw may come that nobody asked for."""
+    count, samples = found["reads"]
+    assert count <= 3 < int(samples)
+
+
+def test_captures_are_drawn_anew_while_an_animation_plays(found):
+    """What moves would be seen where it was, lit as it was."""
+    assert found["played_faces"] > 0
+
+
 @pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
 def test_pixels_have_more_samples_where_samples_differ(found, kind):
     counts = {int(float(number)): pixels for number, pixels in found["samples"][kind].items()}

@@ -122,6 +122,29 @@ def test_every_chord_lies_on_the_curve_and_within_its_bunch():
     assert seen > 50
 
 
+@pytest.mark.parametrize("shape", ["square", "star", "crescent"])
+def test_rays_in_the_circle_of_an_outline_meet_no_side(shape):
+    corner = np.arange(10)
+    turn = corner * np.pi / 5.0
+    outline = {
+        "square": np.add(OUTLINE, (0.3, -0.2)),
+        "star": np.stack((np.cos(turn), np.sin(turn)), axis=1) / (1.0 + corner % 2)[:, None],
+        # The middle of its box lies outside.
+        "crescent": np.array([(0, 0), (3, 0), (3, 3), (2.9, 0.1), (0.1, 0.1)]),
+    }[shape]
+    glass = posed(optics.FlatGlass((0.01,), (1.5,), outline=outline))
+    block = pack([glass], common_frame([glass])).astype(float)
+    lid, middle = int(block[1, 0]), block[2, :2]
+    assert block[lid, 0] == LID
+    circle = np.linspace(0.0, 2.0 * np.pi, 2_000)
+    around = np.stack((np.cos(circle), np.sin(circle)))
+    holds = glass.body.interfaces[0].surface.outline.holds
+    radius = np.sqrt(block[lid + 1, 3])
+    assert (radius == 0.0) == (shape == "crescent")
+    assert radius == 0.0 or holds(*(middle[:, None] + 0.999 * radius * around)).all()
+    assert not holds(*(middle[:, None] + 1.001 * radius * around)).all()
+
+
 def test_more_than_fits_is_told_and_nothing_is_cut():
     glass = posed(optics.FlatGlass((0.01,), (1.5,), outline=_round(600)))
     two = [glass, glass]

@@ -100,6 +100,18 @@ def test_close_pictures_stay_while_they_look_nearly_where_they_should():
     assert captures.left == 0
 
 
+def test_all_faces_are_drawn_in_turn_though_each_motion_outdates_them():
+    captures = capture.Captures()
+    captures.glasses = 2
+    faces = []
+    for _ in range(4 * capture.FACES):
+        captures.outdate()
+        faces.append(captures._next())
+        captures._note(*faces[-1])
+    half = 2 * capture.FACES
+    assert faces[:half] == sorted(set(faces)) == faces[half:]
+
+
 def test_a_capture_stands_in_the_glass_and_out_of_the_way_of_things():
     one = glass()
     middle = one.middle()

@@ -204,6 +204,43 @@ def moved_camera():
     yield from rest()
 
 
+def reads():
+    """How often the direct picture is read in Solid, from a move of the camera to the final one."""
+    (area,) = areas()
+    flat_view(area, "SOLID")
+    yield from rest()
+    direct = sys.modules[f"{NAME}.viewport.paint"].Direct
+    read, count = direct.read, 0
+
+    def counted(*arguments):
+        nonlocal count
+        count += 1
+        return read(*arguments)
+
+    direct.read = counted
+    bpy.context.scene.camera.location.x += STEP[0]
+    yield from rest()
+    bpy.context.scene.camera.location.x += STEP[1]
+    direct.read = read
+    result["reads"] = [count, bpy.context.preferences.system.viewport_aa]
+    yield from rest()
+
+
+def playing():
+    """Faces of captures that are drawn while an animation plays in which the eraser moves."""
+    (area,) = areas()
+    flat_view(area, "SOLID")
+    yield from rest()
+    faces = module().counters["faces"]
+    with override(area):
+        bpy.ops.screen.animation_play()
+    yield 6.0
+    result["played_faces"] = module().counters["faces"] - faces
+    with override(area):
+        bpy.ops.screen.animation_cancel(restore_frame=True)
+    yield from rest()
+
+
 def samples_of_pixels():
     """How many pixels of the final picture have how many samples, of those that have any."""
     (view,) = [v for v in module()._views.values() if v.painter]
@@ -566,6 +603,8 @@ def steps():
     parts = (
         frames_like_f12,
         moved_camera,
+        reads,
+        playing,
         lines,
         clear,
         instances,
