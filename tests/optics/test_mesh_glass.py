@@ -329,6 +329,20 @@ def test_few_facets_stand_for_many(monkeypatch):
     assert many.std() < 0.5 * few.std()
 
 
+def test_ways_have_as_many_facets_as_their_light_asks_for():
+    """Six get through, two are mirrored and two come back from within; their light is Fresnel's."""
+    along = np.tile(unit(np.array([(0.1, 0.05, -1.0)])), (500, 1))
+    smooth, rough = (
+        optics.exit_rays([pane(value)], (0, 0, 0.3), along, min_weight=0.01)
+        for value in (0.0, 0.05)
+    )
+    for path in np.unique(smooth.path):
+        light = smooth.weight[smooth.path == path].mean()
+        some = rough.path == path
+        assert some.sum() == 500 * np.ceil(6 * np.sqrt(light))
+        assert rough.weight[some].sum() == pytest.approx(500 * light, rel=1e-3)
+
+
 def test_samples_of_a_pixel_share_its_facets_evenly():
     """Sixteen rays of a pixel that know each other see it with less noise than strangers."""
     pixels, samples = 60, 16

@@ -21,6 +21,7 @@ class _Group:
     """Meshes of which no two overlap.
 
     `glass`: (T,) number of each triangle's glass. `points`, `normals`: (T, 3, 3), `flat`: (T, 3).
+    `is_smooth`: (T,) whether the normal changes over the triangle.
     """
 
     caster: Caster
@@ -28,6 +29,7 @@ class _Group:
     points: np.ndarray
     normals: np.ndarray
     flat: np.ndarray
+    is_smooth: np.ndarray
 
     def meet(self, origins: np.ndarray, directions: np.ndarray) -> tuple:
         """Number of the glass (L,), metres (L,), true and interpolated normal (L, 3)."""
@@ -38,6 +40,9 @@ class _Group:
         hit = np.flatnonzero(triangle >= 0)
         number = triangle[hit]
         glass[hit], flat[hit] = self.glass[number], self.flat[number]
+        smooth[hit] = self.normals[number, 0]
+        some = np.flatnonzero(self.is_smooth[number])
+        hit, number = hit[some], number[some]
         places = origins[hit] + way[hit, None] * directions[hit]
         shares = _barycentric(self.points[number], places)
         smooth[hit] = np.einsum("nk,nkd->nd", shares, self.normals[number])
@@ -71,6 +76,7 @@ class GlassMeshes:
             points = np.concatenate([mesh.points for mesh in chosen])
             flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
             flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+            normals = np.concatenate([mesh.normals for mesh in chosen])
             corners = np.arange(3 * len(points), dtype=np.int32).reshape(-1, 3)
             caster.aim(Triangles(points.reshape(-1, 3), corners), centre, scale)
             self._groups.append(
@@ -78,8 +84,9 @@ class GlassMeshes:
                     caster,
                     np.repeat([numbers[member] for member in members], sizes),
                     points,
-                    np.concatenate([mesh.normals for mesh in chosen]),
+                    normals,
                     flat,
+                    (normals != normals[:, :1]).any(axis=(1, 2)),
                 )
             )
 
