@@ -32,6 +32,9 @@ TOUCHING = 2.0**-21
 ray starts, or of the way to where it meets them. It is four roundings of the float32 numbers in
 which Blender keeps places."""
 
+FAR_OFF = 100.0
+"""Sizes of all meshes: surfaces touch no less closely however far they are from the origin."""
+
 PLAIN = 6.0
 """Events of a way for which the least weight holds as it is."""
 
@@ -206,9 +209,11 @@ class _Followed:
         dark = bool(self.meshes) or not self.fresnel
         self.dims = not self.media.clear or self.tints is not None or dark
         boxes = [self.glasses[number].box for number in self.meshes]
-        self.mesh_boxes = None
+        self.mesh_boxes, self.farthest = None, np.inf
         if boxes and not any(box is None for box in boxes):
             self.mesh_boxes = np.asarray(boxes, dtype=float)
+            size = np.linalg.norm(np.ptp(self.mesh_boxes, axis=(0, 1)))
+            self.farthest = FAR_OFF * float(size)
         self.grain = grain(self.mesh_boxes)
         if self.accuracy is None:
             self.accuracy = grain(self.things)
@@ -292,7 +297,8 @@ class _Followed:
 
     def touching(self, place: Floats, way: Floats) -> Floats:
         """Metres (L,) along rays within which interfaces touch that are met after a way."""
-        return TOUCHING * np.maximum(np.abs(place).max(axis=0), way) + self.grain
+        largest = np.minimum(np.abs(place).max(axis=0), self.farthest)
+        return TOUCHING * np.maximum(largest, way) + self.grain
 
     def meet(self, live: _Live) -> _Met:
         """The next interface of every ray, of all glasses."""
