@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """CPU seconds that Shadow: Light takes of a frame of 480 × 360 pixels, and when a thing has moved.
 
-python scripts/light_times.py SCENE.blend [--frame N] [--moves NAME]
+python scripts/light_times.py SCENE.blend [--frame N] [--moves NAME] [--quality NAME]
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ def main() -> None:
     parser.add_argument("scene", type=Path)
     parser.add_argument("--frame", type=int)
     parser.add_argument("--moves")
+    parser.add_argument("--quality", default="GOOD")
     args = parser.parse_args()
     glass_refraction.register()
     bpy.ops.wm.open_mainfile(filepath=str(args.scene.resolve()))
@@ -39,7 +40,7 @@ def main() -> None:
     scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
     scene.render.resolution_percentage = 100
     settings = scene.refractive_glass
-    settings.shading, settings.shadow, settings.quality = "TRUE", "LIGHT", "GOOD"
+    settings.shading, settings.shadow, settings.quality = "TRUE", "LIGHT", args.quality
     computed = frames.light_maps
 
     def timed(light, *given):

@@ -32,6 +32,9 @@ TOUCHING = 2.0**-21
 ray starts, or of the way to where it meets them. It is four roundings of the float32 numbers in
 which Blender keeps places."""
 
+FAR_OFF = 100.0
+"""Sizes of all meshes: surfaces touch no less closely however far they are from the origin."""
+
 PLAIN = 6.0
 """Events of a way for which the least weight holds as it is."""
 
@@ -119,6 +122,7 @@ class _Live:
     `depth` has no rows where nothing dims light, `aside` none where no things are looked for.
     `medium`: of each glass, 0 outside it. `entered`: the step in which each glass was entered.
     `facet`: the ray's number among those into which the first rough interface split it, else -1.
+    `part`: of all facets, how many it stands for.
     `aside`: (3, L), from where a ray starts to where it looks for things from. `thing`: number of
     the thing that it met when it last looked, -1 for none.
     """
@@ -133,6 +137,7 @@ class _Live:
     medium: NDArray[np.int8]
     entered: NDArray[np.int16]
     facet: NDArray[np.int8]
+    part: Floats
     aside: Floats
     thing: NDArray[np.int32]
 
@@ -204,9 +209,11 @@ class _Followed:
         dark = bool(self.meshes) or not self.fresnel
         self.dims = not self.media.clear or self.tints is not None or dark
         boxes = [self.glasses[number].box for number in self.meshes]
-        self.mesh_boxes = None
+        self.mesh_boxes, self.farthest = None, np.inf
         if boxes and not any(box is None for box in boxes):
             self.mesh_boxes = np.asarray(boxes, dtype=float)
+            size = np.linalg.norm(np.ptp(self.mesh_boxes, axis=(0, 1)))
+            self.farthest = FAR_OFF * float(size)
         self.grain = grain(self.mesh_boxes)
         if self.accuracy is None:
             self.accuracy = grain(self.things)
@@ -237,6 +244,7 @@ class _Followed:
             medium=medium,
             entered=np.zeros((glasses, count), dtype=np.int16),
             facet=np.full(count, -1, dtype=np.int8),
+            part=np.ones(count),
             aside=np.zeros((3 if self.cast is not None else 0, count)),
             thing=np.full(count, -1, dtype=np.int32),
         )
@@ -289,7 +297,8 @@ class _Followed:
 
     def touching(self, place: Floats, way: Floats) -> Floats:
         """Metres (L,) along rays within which interfaces touch that are met after a way."""
-        return TOUCHING * np.maximum(np.abs(place).max(axis=0), way) + self.grain
+        largest = np.minimum(np.abs(place).max(axis=0), self.farthest)
+        return TOUCHING * np.maximum(largest, way) + self.grain
 
     def meet(self, live: _Live) -> _Met:
         """The next interface of every ray, of all glasses."""
@@ -417,7 +426,44 @@ class _Followed:
         for dropped in (stopped, turned_back):
             rays, weights = (np.concatenate(part) for part in zip(*dropped, strict=True))
             lost += np.bincount(rays, weights, len(lost))
+        if self.rough:
+            through, off = self._fewer(through), self._fewer(off)
         return _Live.join((through, off))
+
+    def _fewer(self, live: _Live) -> _Live:
+        """The rays of facets, fewer of those of one ray and path that bring little of its light.
+
+        Noise asks for as many as the light's root. Those that stay share the light of all: they are
+        drawn in proportion to it, at even steps from a place that pixel, sample and event choose
+        (systematic sampling), so the mean is right.
+        """
+        rows = np.flatnonzero(live.facet >= 0)
+        if not len(rows):
+            return live
+        # One path's rays lie side by side: what is split or ends keeps its order.
+        ray, path = live.ray[rows], live.path[rows]
+        begins = np.concatenate(([True], (ray[1:] != ray[:-1]) | (path[1:] != path[:-1])))
+        begin = np.flatnonzero(begins)
+        count = np.diff(begin, append=len(rows))
+        many = np.ceil(FACETS * np.sqrt(np.add.reduceat(live.weight[rows], begin)))
+        less = many < count
+        few = np.flatnonzero(less)
+        if not len(few):
+            return live
+        many, first = many[few, None], rows[begin[few]]
+        rows = rows[np.repeat(less, count)]
+        group, facet = np.repeat(np.arange(len(few)), count[few]), live.facet[rows]
+        weight, part = np.zeros((2, len(few), FACETS))
+        weight[group, facet], part[group, facet] = live.weight[rows], live.part[rows]
+        weight, part = weight.cumsum(axis=1), part.cumsum(axis=1)
+        ray = live.ray[first]
+        start, _ = facet_shares(self.pixel[ray], self.sample[ray], live.events[first])
+        steps = np.minimum(np.floor(weight / weight[:, -1:] * many + start[:, None]), many)
+        share = np.diff(steps, axis=1, prepend=0.0) / many
+        live.weight[rows] = (share * weight[:, -1:])[group, facet]
+        live.part[rows] = (share * part[:, -1:])[group, facet]
+        gone = rows[share[group, facet] == 0.0]
+        return live.take(np.delete(np.arange(len(live)), gone))
 
     def _split(self, live: _Live, met: _Met, near, lift) -> tuple:
         """Rays that see what touches, that end black, that went through and that were reflected;
@@ -496,8 +542,7 @@ class _Followed:
             return np.zeros(len(live))
         # Long ways, round in a wall, must carry more.
         least = self.min_weight * np.maximum(1.0, events / PLAIN)
-        if self.rough:
-            least = np.where(live.facet < 0, least, least / FACETS)
+        least = least * live.part
         least[straight] = 0.0
         return least
 
@@ -527,13 +572,16 @@ class _Followed:
         """
         alpha = self.alpha[met.glass]
         rough = (alpha > 0.0) & ~crossing.straight
-        rows = np.repeat(np.arange(len(live)), np.where(rough & (live.facet < 0), FACETS, 1))
-        fresh = (rough & (live.facet < 0))[rows]
-        live, met, crossing = live.take(rows), met.take(rows), crossing.take(rows)
-        # A ray's copies are neighbours: they are counted from the first.
-        first = np.searchsorted(rows, rows[fresh])
-        live.facet[fresh] = np.flatnonzero(fresh) - first
-        live.weight[fresh] /= FACETS
+        fresh = rough & (live.facet < 0)
+        rows = np.repeat(np.arange(len(live)), np.where(fresh, FACETS, 1))
+        if fresh.any():
+            live, met, crossing = live.take(rows), met.take(rows), crossing.take(rows)
+            fresh = fresh[rows]
+            # A ray's copies are neighbours: they are counted from the first.
+            first = np.searchsorted(rows, rows[fresh])
+            live.facet[fresh] = np.flatnonzero(fresh) - first
+            live.weight[fresh] /= FACETS
+            live.part[fresh] /= FACETS
         some = np.flatnonzero(rough[rows])
         normal, flat = columns(crossing.normal, some), columns(crossing.flat, some)
         ray = live.ray[some]

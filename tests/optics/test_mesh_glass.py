@@ -243,6 +243,31 @@ def test_meshes_need_somebody_who_knows_where_they_are():
         optics.PlacedMesh(0.0)
 
 
+def strongest(ends):
+    """Directions (M, 3) of the way of each ray that brings most of its light."""
+    order = np.lexsort((-ends.weight, ends.ray))
+    return ends.direction[order][np.unique(ends.ray[order], return_index=True)[1]]
+
+
+def test_a_ball_far_from_the_origin_is_the_ball():
+    """Float32 is 8 mm coarse there: a closed form does not mind, and a mesh need not."""
+    rng = np.random.default_rng(13)
+    body = optics.body(optics.SphereGlass((0.04,), (1.5,)))
+    mesh, eye = meshes.ball(0.04, 24), np.array((0.2, 0.01, 0.02))
+    directions = unit(rng.normal(size=(100, 3)) * (0.0, 0.012, 0.012) - eye)
+    found, pose = [], np.eye(4)
+    for shift in (0.0, 1e5):
+        pose[:3, 3] = shift
+        placed = mesh.placed(pose)
+        glass = optics.PlacedMesh(1.5, box=placed.box)
+        meet = meshes.Caster([(0, placed)])
+        found.append(optics.exit_rays([glass], eye + shift, directions, meet=meet))
+    exact = strongest(optics.exit_rays([optics.PlacedGlass(body, pose)], eye + 1e5, directions))
+    near, far = (np.abs(strongest(ends) - exact).max(axis=1) for ends in found)
+    assert max(near.max(), far.max()) < 0.05
+    np.testing.assert_allclose(*map(strongest, found), atol=1e-3)
+
+
 # ---- roughness ----------------------------------------------------------------------------------
 
 
@@ -327,6 +352,20 @@ def test_few_facets_stand_for_many(monkeypatch):
     spread = few.std() / np.sqrt(len(few)) + many.std() / np.sqrt(len(many))
     assert abs(few.mean() - many.mean()) < 4.0 * spread < 0.01
     assert many.std() < 0.5 * few.std()
+
+
+def test_ways_have_as_many_facets_as_their_light_asks_for():
+    """Six get through, two are mirrored and two come back from within; their light is Fresnel's."""
+    along = np.tile(unit(np.array([(0.1, 0.05, -1.0)])), (500, 1))
+    smooth, rough = (
+        optics.exit_rays([pane(value)], (0, 0, 0.3), along, min_weight=0.01)
+        for value in (0.0, 0.05)
+    )
+    for path in np.unique(smooth.path):
+        light = smooth.weight[smooth.path == path].mean()
+        some = rough.path == path
+        assert some.sum() == 500 * np.ceil(6 * np.sqrt(light))
+        assert rough.weight[some].sum() == pytest.approx(500 * light, rel=1e-3)
 
 
 def test_samples_of_a_pixel_share_its_facets_evenly():

@@ -126,7 +126,8 @@ class FinerRays:
 
     Attributes
     ----------
-    kept : (K',) numbers of the ways of `coarse` that stay. pixel : (R,) of its rays.
+    kept : (K',) numbers of the ways of `coarse` that stay. share : (K',) of the pixel that they are
+        seen in. pixel : (R,) of its rays.
 
     Parameters
     ----------
@@ -144,15 +145,19 @@ class FinerRays:
         self._rough = ends.pixel > self._tiers[0][1]
         pixel = coarse.pixel[coarse.ways.ray]
         settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
-        # The facets of rough glass differ from ray to ray: none stands for the pixel.
-        settled &= not follower.rough
+        # The facets of rough glass differ from ray to ray: the centre's is one among all.
+        settled |= follower.rough
         self.kept = np.flatnonzero(settled | ~self._rough[pixel])
         self._known = pixel[self.kept].astype(np.int32)
+        self.share = np.ones(len(self.kept))
+        if follower.rough:
+            for count, least in self._tiers:
+                self.share[ends.pixel[self._known] > least] = 1.0 / (count + 1)
         # Of no ways at all NumPy counts in whole numbers.
-        brought = np.bincount(self._known, coarse.ways.weight[self.kept], len(ends.pixel))
-        self._brought = brought.astype(float)
+        light = self.share * coarse.ways.weight[self.kept]
+        self._brought = np.bincount(self._known, light, len(ends.pixel)).astype(float)
         self._wanted = self._brought.copy()
-        within = self.kept[self._rough[self._known]]
+        within = self.kept[self._rough[self._known] & (not follower.rough)]
         self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
 
     def parts(self) -> Iterator[PictureRays]:
@@ -174,14 +179,16 @@ class FinerRays:
         for (count, least), most in zip(self._tiers, limits, strict=True):
             pixels = np.flatnonzero((self._ends > least) & (self._ends <= most))
             places = self._sigma * _lattice(count)
+            one = 1.0 / (count + self._follower.rough)
             for some, ways, lost in self._follower.blocks(pixels, places, self._codes):
-                light = np.bincount(ways.ray, ways.weight, len(lost))
-                light, left = (part.reshape(-1, count).mean(axis=1) for part in (light, lost))
+                light = one * np.bincount(ways.ray, ways.weight, len(lost))
+                light, left = (part.reshape(-1, count).sum(axis=1) for part in (light, one * lost))
+                centre = self._brought[some] if self._follower.rough else 0.0
                 self._brought[some] += light
-                self._wanted[some] = light + left
+                self._wanted[some] = centre + light + left
                 pixel = np.repeat(some, count)
                 ways = ways.scaled(self._factor(some)[ways.ray // count])
-                share = np.full(len(lost), 1.0 / count)
+                share = np.full(len(lost), one)
                 yield PictureRays(pixel, share, np.zeros(len(lost)), ways)
 
     def _factor(self, pixels) -> np.ndarray:

@@ -277,6 +277,8 @@ class Follower:
         origins, directions = self._rays(pixels, places)
         counters["exit_rays"] += len(origins)
         parts, passed, lost = [], [], np.zeros(len(origins))
+        # A pixel's centre, alone, is the first of its samples.
+        sample = np.arange(len(places)) + (len(places) > 1)
         for number, (colour, placed) in enumerate(self.bands):
             ends = optics.exit_rays(
                 placed,
@@ -288,7 +290,7 @@ class Follower:
                 meet=self.meshes.meet if self.meshes else None,
                 fresnel=self.fresnel,
                 pixel=np.repeat(pixels, len(places)),
-                sample=np.tile(np.arange(len(places)), len(pixels)),
+                sample=np.tile(sample, len(pixels)),
                 between=check,
                 stretches=keep and things,
             )

@@ -336,7 +336,7 @@ def _lookups(
             some,
             shown.take(rows),
             _window_pixels(pixel[some.ray], frame.view),
-            np.ones(len(rows)),
+            finer.share[rows],
             frame.clamp,
         )
     del ways, shown

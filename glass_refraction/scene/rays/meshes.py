@@ -21,6 +21,7 @@ class _Group:
     """Meshes of which no two overlap.
 
     `glass`: (T,) number of each triangle's glass. `points`, `normals`: (T, 3, 3), `flat`: (T, 3).
+    `is_smooth`: (T,) whether the normal changes over the triangle. `slopes`: see `_slopes`.
     """
 
     caster: Caster
@@ -28,6 +29,8 @@ class _Group:
     points: np.ndarray
     normals: np.ndarray
     flat: np.ndarray
+    is_smooth: np.ndarray
+    slopes: np.ndarray
 
     def meet(self, origins: np.ndarray, directions: np.ndarray) -> tuple:
         """Number of the glass (L,), metres (L,), true and interpolated normal (L, 3)."""
@@ -38,8 +41,11 @@ class _Group:
         hit = np.flatnonzero(triangle >= 0)
         number = triangle[hit]
         glass[hit], flat[hit] = self.glass[number], self.flat[number]
+        smooth[hit] = self.normals[number, 0]
+        some = np.flatnonzero(self.is_smooth[number])
+        hit, number = hit[some], number[some]
         places = origins[hit] + way[hit, None] * directions[hit]
-        shares = _barycentric(self.points[number], places)
+        shares = _shares(self.points[number, 0], self.slopes[number], places)
         smooth[hit] = np.einsum("nk,nkd->nd", shares, self.normals[number])
         return glass, way, flat, smooth
 
@@ -71,6 +77,7 @@ class GlassMeshes:
             points = np.concatenate([mesh.points for mesh in chosen])
             flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
             flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+            normals = np.concatenate([mesh.normals for mesh in chosen])
             corners = np.arange(3 * len(points), dtype=np.int32).reshape(-1, 3)
             caster.aim(Triangles(points.reshape(-1, 3), corners), centre, scale)
             self._groups.append(
@@ -78,8 +85,10 @@ class GlassMeshes:
                     caster,
                     np.repeat([numbers[member] for member in members], sizes),
                     points,
-                    np.concatenate([mesh.normals for mesh in chosen]),
+                    normals,
                     flat,
+                    (normals != normals[:, :1]).any(axis=(1, 2)),
+                    _slopes(points),
                 )
             )
 
@@ -112,16 +121,25 @@ def _apart(boxes: Sequence[np.ndarray], most: int) -> list[list[int]]:
     return groups
 
 
-def _barycentric(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Shares (N, 3) of the corners (N, 3, 3) of triangles in places (N, 3) on them, 0 to 1."""
+def _slopes(corners: np.ndarray) -> np.ndarray:
+    """(T, 2, 3) how the shares of the second and third corner grow over triangles (T, 3, 3)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    place = places - corners[:, 0]
     aa, ab, bb = (
         np.einsum("nk,nk->n", u, v) for u, v in ((first, first), (first, second), (second, second))
     )
-    pa, pb = np.einsum("nk,nk->n", place, first), np.einsum("nk,nk->n", place, second)
     area = aa * bb - ab * ab
-    area = np.where(area > 0.0, area, 1.0)
-    v, w = (bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area
+    first, second = (
+        (own[:, None] * one - ab[:, None] * other)
+        for own, one, other in ((bb, first, second), (aa, second, first))
+    )
+    return np.stack((first, second), axis=1) / np.where(area > 0.0, area, 1.0)[:, None, None]
+
+
+def _shares(corner: np.ndarray, slopes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Shares (N, 3) of the corners of triangles in places (N, 3) on them, 0 to 1 and 1 together.
+
+    ``corner``: (N, 3) the first one. ``slopes``: (N, 2, 3) of `_slopes`.
+    """
+    v, w = np.einsum("nsk,nk->ns", slopes, places - corner).T
     shares = np.clip(np.stack((1.0 - v - w, v, w), axis=1), 0.0, 1.0)
     return shares / shares.sum(axis=1, keepdims=True)
