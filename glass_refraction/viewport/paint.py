@@ -19,11 +19,11 @@ import numpy as np
 
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
-from .description import ROWS, Frame, Posed, trees_of
-from .eye import VIEW_ROWS, common_line, pack_view, pixel_width
+from .description import Frame, Posed, trees_of
+from .eye import common_line, pack_view, pixel_width
 from .shaders import kept
 from .trees import ROW_BITS, Tree
-from .wires import NOTHING, Wires
+from .wires import Wires
 
 TILE = 8
 """Pixels a side of the tiles whose nearest and farthest depths rays are held against first."""
@@ -191,86 +191,6 @@ def _texture(values: np.ndarray, kind: str):
     height, width = values.shape[:2]
     data = gpu.types.Buffer("FLOAT", values.shape, values)
     return gpu.types.GPUTexture((width, height), format=kind, data=data)
-
-
-def tiles_of(depths: np.ndarray) -> np.ndarray:
-    """Nearest and farthest depths (rows, columns, 2) of tiles, for tests; needs a GPU context.
-
-    ``depths``: (height, width) of pixels.
-    """
-    height, width = depths.shape
-    rows, columns = -(-height // TILE), -(-width // TILE)
-    direct = Direct()
-    direct._plain = _texture(np.ascontiguousarray(depths, np.float32), "R32F")
-    _, target = _target((columns, rows), "RGBA32F")
-    direct._fill(target, "tiles", (columns, rows))
-    with target.bind():
-        read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
-    return np.asarray(read).reshape(rows, columns, 4)[..., :2]
-
-
-def plain_values(values: np.ndarray) -> np.ndarray:
-    """Values (height, width) of a depth buffer without what EEVEE adds to them, for tests.
-
-    It needs a GPU context.
-    """
-    height, width = values.shape
-    direct = Direct()
-    direct.raw = _texture(np.ascontiguousarray(values, np.float32), "R32F")
-    direct.wire_depth = _texture(np.full((height, width), NOTHING, np.float32), "R32F")
-    direct.line = (0.0, 1.0, 1.0, 0.0)
-    _, target = _target((width, height), "RGBA32F")
-    direct._fill(target, "depth", (width, height), amended=True)
-    with target.bind():
-        read = target.read_color(0, 0, width, height, 4, 0, "FLOAT")
-    return np.asarray(read).reshape(height, width, 4)[..., 0]
-
-
-def depths_between(
-    values: np.ndarray, width: float, parts: int, *, parallel: bool = True
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depths that count at ``parts``² places in each pixel, for tests; needs a GPU context.
-
-    Parameters
-    ----------
-    values : (height, width) depths of pixels. width : of a pixel, in the depths' unit.
-    parallel : what kind of view they are depths of.
-
-    Returns
-    -------
-    (rows, columns) each: the depths, those of a round thing's edge to the left of each place, and
-    those of a surface that goes on from pixel to pixel.
-    """
-    height, columns = values.shape
-    direct = Direct()
-    direct.size = (columns, height)
-    direct.depth = direct._plain = _texture(np.ascontiguousarray(values, np.float32), "R32F")
-    direct._stepped, direct._to_stepped = _target(direct.size, "RG32F")
-    direct._mark_steps((width, 0.0))
-    block = np.zeros((VIEW_ROWS, 4), np.float32)
-    block[5, 0], block[10, :2] = width, direct.size
-    block[9, 3] = not parallel
-    size = (parts * columns, parts * height)
-    _, target = _target(size, "RGBA32F")
-    shader = _shader("between")
-    # Held until they were drawn with.
-    glasses, view = _uniform(np.zeros((ROWS, 4))), _uniform(block)
-    none = _texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
-    with target.bind():
-        gpu.state.viewport_set(0, 0, *size)
-        gpu.state.depth_test_set("NONE")
-        gpu.state.blend_set("NONE")
-        shader.bind()
-        shader.uniform_block("glasses", glasses)
-        shader.uniform_block("view", view)
-        for name in DESCRIPTIONS["between"]["samplers"]:
-            shader.uniform_sampler(name, direct.depth if name == "depth_tx" else none)
-        shader.uniform_float("parts", float(parts))
-        shader.uniform_float("box", WHOLE)
-        _quad().draw(shader)
-        read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
-    read = read.reshape(size[1], size[0], 4)
-    return read[..., 0], read[..., 1], read[..., 2]
 
 
 class _Layer:

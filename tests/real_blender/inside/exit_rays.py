@@ -14,6 +14,9 @@ import bpy
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
+sys.path.insert(0, str(Path(__file__).parent))
+import passes
+
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 ROWS, COLUMNS = 250, 400
@@ -228,7 +231,7 @@ def compare_tiles(paint):
     worst = 0.0
     for height, width in ((64, 80), (61, 83), (5, 3)):
         values = np.random.default_rng(height).uniform(0.0, 0.99, (height, width))
-        tiles = paint.tiles_of(values)
+        tiles = passes.tiles_of(paint, values)
         for row, column in np.ndindex(tiles.shape[:2]):
             part = values[8 * row : 8 * row + 8, 8 * column : 8 * column + 8]
             worst = max(worst, np.abs(tiles[row, column] - (part.min(), part.max())).max())
@@ -247,7 +250,7 @@ def compare_amended(paint):
     blocks = values.reshape(rows // 2, 2, columns // 2, 2)
     changes = np.abs(np.diff(blocks, axis=1)) + np.abs(np.diff(blocks, axis=3))
     amended = np.minimum(blocks + changes, 1.0).reshape(rows, columns)
-    found = paint.plain_values(amended)
+    found = passes.plain_values(paint, amended)
     return [float((np.abs(v - values) > 1e-3).mean()) for v in (found, amended)]
 
 
@@ -263,7 +266,7 @@ def straight_edges(paint):
     for degrees in (3, 12, 27, 45, 63, 78, 87):
         normal = np.array((np.cos(np.radians(degrees)), np.sin(np.radians(degrees))))
         place = (x - 30.3) * normal[0] + (y - 24.1) * normal[1]
-        depths, *_ = paint.depths_between(np.where(place < 0.0, 5.0, 9.0), 0.01, PARTS)
+        depths, *_ = passes.depths_between(paint, np.where(place < 0.0, 5.0, 9.0), 0.01, PARTS)
         v, u = (np.mgrid[: PARTS * rows, : PARTS * columns] + 0.5) / PARTS
         apart = (u - 30.3) * normal[0] + (v - 24.1) * normal[1]
         wrong = (depths < 7.0) != (apart < 0.0)
@@ -281,7 +284,7 @@ def edges_of_rods(paint):
         x = np.arange(80) + 0.5 - (40.0 + shift)
         deep = 6.0 - width * np.sqrt(np.maximum(radius**2 - x**2, 0.0))
         row = np.where(np.abs(x) < radius, deep, 9.0)
-        _, limbs, _ = paint.depths_between(np.tile(row, (9, 1)), width, PARTS)
+        _, limbs, _ = passes.depths_between(paint, np.tile(row, (9, 1)), width, PARTS)
         first = int(np.argmax(np.abs(x) < radius))
         found = limbs[4 * PARTS + PARTS // 2, (first + 1) * PARTS : (first + 2) * PARTS]
         worst = max(worst, float(np.abs(found - 6.0).max()) / (width * radius))
@@ -302,7 +305,7 @@ def planes(paint):
     for view, depth in depths.items():
         parallel = view == "parallel"
         # No slope is taken for an edge.
-        _, _, found = paint.depths_between(depth(x, y), 0.1, PARTS, parallel=parallel)
+        _, _, found = passes.depths_between(paint, depth(x, y), 0.1, PARTS, parallel=parallel)
         inside = np.s_[PARTS:-PARTS, PARTS:-PARTS]
         worst[view] = float(np.abs(found / depth(u, v) - 1.0)[inside].max())
     return worst
