@@ -25,6 +25,8 @@ import pytest
 
 PROGRAM = os.environ.get("REFRACTIVE_GLASS_REAL_BLENDER")
 ROOT = Path(__file__).parents[2]
+SHARED = ("windowed.py", "passes.py")
+"""What scripts of that folder import."""
 INSIDE = Path(__file__).with_name("inside")
 SHADERS = Path(tempfile.gettempdir()) / f"refractive_glass_shaders_{os.getuid()}"
 """Where Mesa keeps what it compiled, for all homes and workers: EEVEE alone takes it 20 CPU
@@ -91,7 +93,8 @@ class Blender:
         """
         output = Path(tempfile.mkdtemp(prefix=f"{name}_", dir=self.folder))
         script = shutil.copy(INSIDE / f"{name}.py", output)
-        shutil.copy(INSIDE / "windowed.py", output)
+        for shared in SHARED:
+            shutil.copy(INSIDE / shared, output)
         found = self.run(
             [how, "--python-exit-code", 3, "--python", script, "--", output, *arguments], seconds
         )
