@@ -6,8 +6,9 @@ event. What is drawn meanwhile, the status bar for one, may crash on it. So the 
 the operator has ended, which it does by itself.
 
 While an engine reads a scene, Blender lays panels out but does not draw them. The buttons that it
-laid out wait for the next time, and that crashes where the panel's class has gone (5.2.2). So
-panels stay until no render goes on, and show nothing.
+laid out wait for the next time, which may come long after the render, and that crashes where the
+panel's class has gone (5.2.2). So panels stay until no render goes on and all areas were drawn
+since, and show nothing.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ def register_class(kind: type) -> None:
 def unregister_class(kind: type) -> None:
     """Unregister the class: now, or once Blender does not hold it any more."""
     _wanted.discard(kind)
-    if not _is_held(kind):
+    may_be_laid_out = issubclass(kind, bpy.types.Panel) and not bpy.app.background
+    if not may_be_laid_out and not _is_held(kind):
         bpy.utils.unregister_class(kind)
         return
     bpy.app.timers.register(_retiring(kind), first_interval=LOOK_SECONDS, persistent=True)
