@@ -38,6 +38,9 @@ FAR_OFF = 100.0
 PLAIN = 6.0
 """Events of a way for which the least weight holds as it is."""
 
+STRONG = 0.1
+"""Part of a ray's light that is followed however long its way is: there are few such ways."""
+
 MOST_STRAIGHT = 64
 """Interfaces that a ray may pass straight, beside the `most_events` at which it is turned."""
 
@@ -542,6 +545,7 @@ class _Followed:
             return np.zeros(len(live))
         # Long ways, round in a wall, must carry more.
         least = self.min_weight * np.maximum(1.0, events / PLAIN)
+        least = np.minimum(least, max(self.min_weight, STRONG))
         least = least * live.part
         least[straight] = 0.0
         return least
@@ -819,7 +823,7 @@ def exit_rays(
         Need not be unit.
     min_weight
         Light below this part of a ray's is not followed on but counted as lost. Long ways, of more
-        than `PLAIN` events, must carry more: in proportion to their events.
+        than `PLAIN` events, must carry more: in proportion to their events, up to `STRONG`.
     most_events
         Light that would be refracted or reflected more often is lost.
     cast

@@ -103,6 +103,7 @@ FOLLOW = (
 #define MOST_STRETCHES 120
 /* Events of a way for which the least weight holds as it is; longer ways must carry more. */
 #define PLAIN 6.0
+#define STRONG 0.1
 /* Steps of Newton's method from a chord to the curve itself. */
 #define NEWTON_STEPS 4
 /* Meetings with chords that are tried until one is a meeting with the curve. */
@@ -897,7 +898,8 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
         }
       }
       events++;
-      float enough = splits ? least * max(1.0, float(events) / PLAIN) : 0.0;
+      float enough = min(least * max(1.0, float(events) / PLAIN), max(least, STRONG));
+      enough = splits ? enough : 0.0;
       vec4 other = light * vec4(1.0, 1.0, 1.0, mirrored);
       light.w *= 1.0 - mirrored;
       if (is_mesh) {

@@ -12,7 +12,7 @@ from ways import ways
 from glass_refraction import optics
 from glass_refraction.optics import solver
 from glass_refraction.optics.bodies import Ball
-from glass_refraction.optics.exit_rays import MIRRORED, _interface_code, _path_on
+from glass_refraction.optics.exit_rays import MIRRORED, PLAIN, STRONG, _interface_code, _path_on
 
 SQUARE = ((-0.06, -0.06), (0.06, -0.06), (0.06, 0.06), (-0.06, 0.06))
 BODIES = {
@@ -159,6 +159,24 @@ def test_light_that_runs_round_too_often_is_lost():
         ends = optics.exit_rays([glass], eye, directions, min_weight=1e-6, most_events=most)
         assert ends.events.max(initial=0) <= most
         np.testing.assert_allclose(sums(ends, 200), 1.0, atol=1e-12)
+
+
+def test_strong_light_is_followed_however_long_its_way_is():
+    """A quarter of a pixel's light came out of a pane's edge after 33 events, and was lost."""
+    body = optics.body(optics.FlatGlass((0.004,), (1.5,), outline=SQUARE))
+    glass = optics.PlacedGlass(body, np.eye(4))
+    # Into an edge, and from side to side of the pane to the next.
+    eye, edge = np.array((0.1, 0.02, 0.3)), np.random.default_rng(8).uniform(size=(4000, 3))
+    directions = np.array((0.06, -0.06, -0.004)) + edge * (0.0, 0.12, 0.004) - eye
+    few = optics.exit_rays([glass], eye, directions, min_weight=0.05)
+    many = optics.exit_rays([glass], eye, directions, min_weight=0.001)
+    strong = [np.flatnonzero(ends.weight > STRONG) for ends in (few, many)]
+    same = [
+        set(zip(ends.ray[some].tolist(), ends.path[some].tolist(), strict=True))
+        for ends, some in zip((few, many), strong, strict=True)
+    ]
+    assert same[0] == same[1]
+    assert many.events[strong[1]].max() > 3 * PLAIN
 
 
 def test_glass_of_the_surroundings_ior_is_not_there():
@@ -612,7 +630,7 @@ def followed(shapes, origin, along, weight, events, least):
             (weight * (1.0 - share), optics.refract(along, normal, eta)[0]),
             (weight * share, optics.reflect(along, normal)),
         ):
-            if part > least * max(1.0, events / 6.0):
+            if part > min(least * max(1.0, events / 6.0), max(least, 0.1)):
                 found += followed(shapes, point, turned, part, events, least)
         return found
     return [(weight, origin, along)]

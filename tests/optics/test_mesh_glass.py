@@ -122,7 +122,7 @@ def test_a_diamond_loses_no_light():
         )
         np.testing.assert_allclose(np.bincount(ends.ray, ends.weight, 300) + ends.lost, 1.0)
         lost.append(ends.lost.mean())
-    assert lost[1] < 0.3 * lost[0] and lost[1] < 0.05
+    assert lost[1] < 0.5 * lost[0] and lost[0] < 0.05
     # No ray stays in it: they leave through its faces, to the outside.
     ahead = meshes.Caster([(0, mesh)])(ends.origin + 1e-6 * ends.direction, ends.direction)[1]
     assert np.isinf(ahead).all()

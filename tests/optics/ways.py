@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from glass_refraction.optics import axial
-from glass_refraction.optics.exit_rays import PLAIN
+from glass_refraction.optics.exit_rays import PLAIN, STRONG
 from glass_refraction.optics.facets import ENDLESS
 
 
@@ -31,7 +31,10 @@ def ways(body, eye, directions, min_weight=0.005, fresnel=True):
     def onward(steps, weight):
         if not fresnel:
             return None if steps[-1][1] == "R" else np.ones(len(weight), bool)
-        return weight > min_weight * max(1.0, len(steps) / PLAIN) if len(steps) < ENDLESS else None
+        if len(steps) >= ENDLESS:
+            return None
+        least = min_weight * max(1.0, len(steps) / PLAIN)
+        return weight > min(least, max(min_weight, STRONG))
 
     paths, rows = {}, []
     for group in axial.follow(body, axial.start(body, eye, directions), onward):

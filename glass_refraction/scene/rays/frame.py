@@ -310,7 +310,8 @@ def _followed(
     stay = len(finer.kept)
     found.weight[:stay] *= finer.factor
     found.colour[:stay] *= finer.factor[:, None]
-    off_edges(scene, views, found.view, found.place, found.surface)
+    surface = frame.things.surfaces(found.triangle)
+    off_edges(scene, views, found.view, found.place, surface)
     dark = finer.dark
     some = np.flatnonzero(dark)
     dark_pixel = _window_pixels(finer.pixel[some], view)
@@ -439,7 +440,7 @@ def _summed(
     unseen = weight[view_number == UNSEEN].sum() + rays.dark.sum()
     unseen = float(unseen / light) if light > 0.0 else 0.0
     known = np.flatnonzero(view_number == KNOWN)
-    lacking, guessed = stand_ins(scene.things, lookups)
+    lacking, guessed = stand_ins(scene, lookups)
     # A quarter of all that is held, and no longer needed.
     lookups.at = lookups.at[:0].copy()
     known, radiance = np.concatenate((known, lacking)), np.concatenate((lookups.light, guessed))

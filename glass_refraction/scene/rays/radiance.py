@@ -15,6 +15,8 @@ from .things import Things
 
 COMPARED = 400
 """Hits of one surface among which the nearest is looked for, for one that no view shows."""
+LEAST_SIZE = 1e-9
+"""Metres: what is smaller is one place."""
 BLOCK = 4096
 """Hits compared at a time."""
 
@@ -77,7 +79,7 @@ class Lookups(Columns):
     pixel : (K,) its number in the picture. share : (K,) part of it that the way's ray stands for.
     weight : (K,) part of the pixel's light. colour : (K, 3) of the ray's light, with tints.
     view, place : (K,) number of the view or `UNSEEN` or `KNOWN`, and pixels (K, 2) there.
-    surface : (K,) number of the look of what is met, −1: the sky.
+    triangle : (K,) of the things that is met, −1: the sky.
     at : (K, 3) where that is; in the sky the direction.
     clear : (K,) which show a hole of the film.
     light : (n, 3) radiance of those ways only that are known, in their order.
@@ -89,7 +91,7 @@ class Lookups(Columns):
     colour: np.ndarray
     view: np.ndarray
     place: np.ndarray
-    surface: np.ndarray
+    triangle: np.ndarray
     at: np.ndarray
     clear: np.ndarray
     light: np.ndarray
@@ -108,21 +110,24 @@ class Lookups(Columns):
             ways.colour,
             shown.view,
             shown.pixels,
-            scene.things.surfaces(ways.triangle),
+            ways.triangle,
             np.where(ways.is_sky[:, None], ways.direction, ways.point),
             ways.is_sky & scene.sky.is_clear(ways),
             clamp.limited(light, known),
         )
 
 
-def stand_ins(things: Things, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
-    """For hits that no view shows: the nearest hit of the same surface that one shows.
+def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
+    """For hits that no view shows: the most alike hit of the same surface that one shows.
 
-    Its view and place are written into the lookups; where there is none, `KNOWN`. Returns the
-    numbers (n,) of all such hits, and radiances (n, 3) for those that have not even that: their
-    surface's own light, and its colour under a mean light of 1/2; 0 of the others.
+    Unit normals count as much as places, over the size of what of the surface is shown: what turns
+    away from a lamp is dark. The views and places are written into the lookups; where there is
+    none, `KNOWN`. Returns the numbers (n,) of all such hits, and radiances (n, 3) for those that
+    have not even that: their surface's own light, and its colour under a mean light of 1/2; 0 of
+    the others.
     """
-    view, place, at, surface = lookups.view, lookups.place, lookups.at, lookups.surface
+    view, place, at, triangle = lookups.view, lookups.place, lookups.at, lookups.triangle
+    surface = scene.things.surfaces(triangle)
     lacking, viewed = np.flatnonzero(view == UNSEEN), view >= 0
     light = np.zeros((len(lacking), 3))
     for number in np.unique(surface[lacking]):
@@ -131,14 +136,22 @@ def stand_ins(things: Things, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]
         seen = np.flatnonzero((surface == number) & viewed)
         if not len(seen):
             if number >= 0:
-                look = things.looks[number]
+                look = scene.things.looks[number]
                 light[which] = np.array(look.radiance) + 0.5 * np.array(look.albedo)
             view[here] = KNOWN
             continue
         seen = seen[:: max(1, len(seen) // COMPARED)]
+        size = np.linalg.norm(np.ptp(at[seen], axis=0))
+
+        def traits(rows, sky=number < 0, size=size):
+            """(n, 6) of hits: the squares of differences tell how little they are alike."""
+            facing = np.zeros((len(rows), 3)) if sky else scene.normals[triangle[rows]]
+            return np.concatenate((at[rows] / max(size, LEAST_SIZE), facing), axis=1)
+
+        shown = traits(seen)
         for start in range(0, len(here), BLOCK):
             part = here[start : start + BLOCK]
-            apart = ((at[part, None] - at[None, seen]) ** 2).sum(axis=-1)
-            nearest = seen[apart.argmin(axis=1)]
+            unlike = ((traits(part)[:, None] - shown) ** 2).sum(axis=-1)
+            nearest = seen[unlike.argmin(axis=1)]
             view[part], place[part] = view[nearest], place[nearest]
     return lacking, light

@@ -129,20 +129,24 @@ def test_lamps_and_sky_give_their_own_light():
     )
 
 
-def _lookups(things, ways, shown):
-    scene = SimpleNamespace(things=things, normals=np.zeros((9, 3)), sky=Sky(None))
+def _scene(things, normals=None):
+    normals = np.zeros((9, 3)) if normals is None else np.array(normals, float)
+    return SimpleNamespace(things=things, normals=normals, sky=Sky(None))
+
+
+def _lookups(scene, ways, shown):
     count = len(ways)
     return Lookups.of(scene, ways, shown, np.arange(count), np.ones(count), UNLIMITED)
 
 
 def test_a_hit_that_no_view_shows_takes_the_nearest_of_its_surface():
-    things = _things(Look(), Look((0.2, 0.4, 0.6), (1.0, 0.0, 0.0)))
+    scene = _scene(_things(Look(), Look((0.2, 0.4, 0.6), (1.0, 0.0, 0.0))))
     points = [(0, 0, 0), (0.5, 0, 0), (0.45, 0, 0), (0.44, 0, 0), (3, 0, 0)]
     ways = _ways(points, [0, 0, 0, 1, 1])
     pixels = np.arange(10.0).reshape(5, 2)
     shown = Shown(np.array([0, 1, UNSEEN, UNSEEN, UNSEEN]), pixels.copy())
-    lookups = _lookups(things, ways, shown)
-    lacking, guessed = stand_ins(things, lookups)
+    lookups = _lookups(scene, ways, shown)
+    lacking, guessed = stand_ins(scene, lookups)
     np.testing.assert_array_equal(lookups.view, [0, 1, 1, KNOWN, KNOWN])
     np.testing.assert_array_equal(lookups.place[2], pixels[1])
     # Nothing of the other surface is shown: its own light, and its colour under a mean light.
@@ -150,11 +154,28 @@ def test_a_hit_that_no_view_shows_takes_the_nearest_of_its_surface():
     np.testing.assert_allclose(guessed, [(0, 0, 0)] + [(1.1, 0.2, 0.3)] * 2)
 
 
+def test_a_stand_in_faces_the_same_way():
+    """The shaded back of a teapot, mirrored in a pane's edge, was as bright as its front."""
+    things = _things(Look())
+    things = replace(
+        things, triangles=np.repeat(things.triangles, 3, axis=0), surface=np.zeros(3, np.int32)
+    )
+    scene = _scene(things, [(0, 0, 1.0), (0, 0, -1.0), (0, 0.6, -0.8)])
+    # The nearest is on the other side; of the sky there are no sides.
+    points = [(0, 0, 0.1), (0, 0.5, 0), (0, 0, 0), (1.0, 0, 0), (0.8, 0.6, 0)]
+    ways = _ways(points, [0, 1, 2, -1, -1])
+    shown = Shown(np.array([0, 1, UNSEEN, 2, UNSEEN]), np.zeros((5, 2)))
+    lookups = _lookups(scene, ways, shown)
+    stand_ins(scene, lookups)
+    np.testing.assert_array_equal(lookups.view, [0, 1, 1, 2, 2])
+
+
 def test_no_ways_need_no_stand_in():
     ways = _ways(np.zeros((0, 3)), np.zeros(0, int))
     shown = Shown(np.zeros(0, int), np.zeros((0, 2)))
-    lookups = _lookups(_things(Look()), ways, shown)
-    lacking, guessed = stand_ins(_things(Look()), lookups)
+    scene = _scene(_things(Look()))
+    lookups = _lookups(scene, ways, shown)
+    lacking, guessed = stand_ins(scene, lookups)
     assert len(lookups) == len(lacking) == len(guessed) == 0
 
 
