@@ -223,7 +223,7 @@ class Scene:
             worth[glossy] *= np.clip(0.5 + 0.5 * along, 0.0, 1.0) ** GLOSSY_POWER + LEAST_MATCH
         if view.sky_only:
             worth[:] = 0.0
-        if view.is_parallel or (self.sky.is_cut_out and not view.sky_only):
+        if view.is_parallel or not (view.sky_only or self.sky.is_in_pictures):
             worth[sky] = 0.0
         else:
             worth[sky] = inside[sky] * view.focal_px
@@ -354,8 +354,8 @@ def place_captures(
     # Captures of less worth are not placed for what they would show more finely.
     fine = spacing * (CAPTURE_WORTH / scene.capture_worth)
     shown = _seen(scene, direct, hits, _quality(scene, direct, hits, fine))
-    # No capture shows a sky that the film leaves out.
-    shown[known | (ways.is_sky & scene.sky.is_cut_out)] = 1.0
+    # Views of the sky alone show one that the film leaves out, or that cameras see otherwise.
+    shown[known | (ways.is_sky & (not scene.sky.is_in_pictures))] = 1.0
     begin = shown
     captures: list[RadianceView] = []
     qualities: list[np.ndarray] = []

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .beams import Beam
+
 GLOSSY = 0.3
 """Roughness below which what a surface shows depends on where it is seen from."""
 
@@ -23,6 +25,7 @@ class Look:
     is_lamp : the radiance is all that it shows, and no view shows it.
     is_glossy : what it shows depends on where it is seen from.
     faces : 1: it gives light on the side of its normals only; 0: on both.
+    beam : how the radiance depends on the direction that light goes in; None: not at all.
     """
 
     albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
@@ -30,6 +33,7 @@ class Look:
     is_lamp: bool = False
     is_glossy: bool = False
     faces: int = 0
+    beam: Beam | None = None
 
 
 def look_of(material: bpy.types.Material | None) -> Look:

@@ -65,6 +65,10 @@ def known_light(things: Things, normals: np.ndarray, sky: Sky, ways: Ways) -> np
     faces = np.array([look.faces for look in things.looks], int)
     facing = np.einsum("nk,nk->n", normals[triangle], ways.direction[some]) < 0.0
     out[some] = radiance[surface] * (facing | (faces[surface] == 0))[:, None]
+    for number, look in enumerate(things.looks):
+        if look.beam is not None:
+            here = some[surface == number]
+            out[here] *= look.beam.part(-ways.direction[here])[:, None]
     return out
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
-from ..read.world import BLACK, Radiance, uniform_radiance
+from ..read.world import BLACK, Radiance, is_of_cameras, uniform_radiance
 from .lamps import Sun
 
 if TYPE_CHECKING:
@@ -26,12 +26,19 @@ class Sky:
     suns : discs of light in it.
     is_cut_out : the film is transparent: pictures have a hole where the sky is, in glass too.
     mirrors_world : mirrors show the world although the film is transparent.
+    is_of_cameras : what glass shows of it is not what a camera sees.
     """
 
     radiance: Radiance | None
     suns: tuple[Sun, ...] = ()
     is_cut_out: bool = False
     mirrors_world: bool = True
+    is_of_cameras: bool = False
+
+    @property
+    def is_in_pictures(self) -> bool:
+        """Whether cameras that show things show the sky behind them as glass does."""
+        return not (self.is_cut_out or self.is_of_cameras)
 
     def is_clear(self, ways: Ways) -> np.ndarray:
         """(K,) which show a hole in the picture where they meet nothing."""
@@ -50,4 +57,6 @@ def sky_of(
     engine, cut_out = scene.render.engine, scene.render.film_transparent
     if engine == "BLENDER_WORKBENCH":
         return Sky(BLACK if cut_out else None, (), cut_out, mirrors_world=False)
-    return Sky(uniform_radiance(override or scene.world, engine), suns, cut_out)
+    world = override or scene.world
+    apart = is_of_cameras(world, engine)
+    return Sky(uniform_radiance(world, engine), suns, cut_out, is_of_cameras=apart)

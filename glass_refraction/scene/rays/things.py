@@ -68,15 +68,13 @@ class Things(Triangles):
         return np.array((self.points.min(axis=0), self.points.max(axis=0)))
 
 
-def read_things(
-    depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], *, with_lamps: bool = True
-) -> Things:
+def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], engine: str) -> Things:
     """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
 
     Parameters
     ----------
     left_out : names of objects that no ray meets here: the glasses.
-    with_lamps : False for an engine that is lit by none of them, Workbench.
+    engine : of the render; Workbench is lit by no lamps.
     """
     builder = _Builder()
     for instance in depsgraph.object_instances:
@@ -88,8 +86,8 @@ def read_things(
         if not instance.show_self:
             continue
         if obj.type == "LIGHT":
-            if with_lamps and obj.visible_glossy:
-                builder.add_lamp(obj, np.array(instance.matrix_world, float))
+            if engine != "BLENDER_WORKBENCH" and obj.visible_glossy:
+                builder.add_lamp(obj, np.array(instance.matrix_world, float), engine)
             continue
         if not (obj.visible_camera and owner.visible_camera):
             continue
@@ -132,9 +130,9 @@ class _Builder:
         number = self._look_numbers(obj, owner, mesh, int(slots.max()))
         self._add(rotated(to_world[:3, :3], local.T).T + to_world[:3, 3], corners, number[slots])
 
-    def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray) -> None:
+    def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray, engine: str) -> None:
         """A lamp that has a size, as the surface that gives its light."""
-        shape = lamp_shape(obj.data, to_world)
+        shape = lamp_shape(obj.data, to_world, engine)
         if shape is None:
             return
         points, corners, look = shape

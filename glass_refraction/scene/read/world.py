@@ -33,6 +33,29 @@ def uniform_radiance(world: bpy.types.World | None, engine: str) -> Radiance | N
     return tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])
 
 
+def is_of_cameras(world: bpy.types.World | None, engine: str) -> bool:
+    """Whether a world looks to a camera as it does not to light that has come through glass.
+
+    Many a background is for cameras alone, by *Light Path* or *Ray Visibility*, and another world
+    gives the light.
+    """
+    if world is None or engine == "BLENDER_WORKBENCH":
+        return False
+    if engine == "CYCLES" and not world.cycles_visibility.camera:
+        return True
+    return world.node_tree is not None and _asks_for_rays(world.node_tree)
+
+
+def _asks_for_rays(tree: bpy.types.NodeTree) -> bool:
+    """Whether a tree, or a group in it, takes anything from a Light Path node."""
+    for node in tree.nodes:
+        if node.type == "LIGHT_PATH" and any(output.is_linked for output in node.outputs):
+            return True
+        if node.type == "GROUP" and node.node_tree is not None and _asks_for_rays(node.node_tree):
+            return True
+    return False
+
+
 def film_exposure(scene: bpy.types.Scene) -> float:
     """By what the scene's engine multiplies radiance in its pictures."""
     return float(scene.cycles.film_exposure) if scene.render.engine == "CYCLES" else 1.0
