@@ -78,7 +78,8 @@ def lamp_shape(light: bpy.types.Light, to_world: np.ndarray, engine: str):
     if lamp_is_normalised(light):
         radiance = radiance / size
     beam = beam_of(light, to_world, engine)
-    return points, corners, Look((0.0, 0.0, 0.0), _radiance(radiance), True, False, faces, beam)
+    look = Look((0.0, 0.0, 0.0), _radiance(radiance), True, False, faces, beam)
+    return points, corners, look
 
 
 def _area(light: bpy.types.AreaLight, to_world: np.ndarray):

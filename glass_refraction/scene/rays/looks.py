@@ -22,7 +22,9 @@ class Look:
     ----------
     albedo : part of the light (red, green, blue) that it sends back.
     radiance : light of its own, scene-linear.
-    is_lamp : the radiance is all that it shows, and no view shows it.
+    is_lamp : the radiance is all that it shows, and no view shows it. It is not there for light
+        that it does not meet with its own.
+    is_hidden : from cameras.
     is_glossy : what it shows depends on where it is seen from.
     faces : 1: it gives light on the side of its normals only; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
@@ -34,6 +36,19 @@ class Look:
     is_glossy: bool = False
     faces: int = 0
     beam: Beam | None = None
+    is_hidden: bool = False
+
+    def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """(K,) how bright it is, over its radiance, for ways that meet it.
+
+        Parameters
+        ----------
+        normals : (K, 3) of what they meet of it. directions : (K, 3) unit, away from the eye.
+        """
+        part = np.ones(len(directions))
+        if self.faces:
+            part[np.einsum("nk,nk->n", normals, directions) >= 0.0] = 0.0
+        return part if self.beam is None else part * self.beam.part(-directions)
 
 
 def look_of(material: bpy.types.Material | None) -> Look:

@@ -62,13 +62,11 @@ def known_light(things: Things, normals: np.ndarray, sky: Sky, ways: Ways) -> np
     triangle = ways.triangle[some]
     surface = things.surface[triangle]
     radiance = np.array([look.radiance for look in things.looks]).reshape(-1, 3)
-    faces = np.array([look.faces for look in things.looks], int)
-    facing = np.einsum("nk,nk->n", normals[triangle], ways.direction[some]) < 0.0
-    out[some] = radiance[surface] * (facing | (faces[surface] == 0))[:, None]
-    for number, look in enumerate(things.looks):
-        if look.beam is not None:
-            here = some[surface == number]
-            out[here] *= look.beam.part(-ways.direction[here])[:, None]
+    out[some] = radiance[surface]
+    for number in np.unique(surface):
+        here = np.flatnonzero(surface == number)
+        directions = ways.direction[some[here]]
+        out[some[here]] *= things.looks[number].lights(normals[triangle[here]], directions)[:, None]
     return out
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -136,7 +136,7 @@ class _Builder:
         if shape is None:
             return
         points, corners, look = shape
-        self.looks.append(look)
+        self.looks.append(replace(look, is_hidden=not obj.visible_camera))
         self.owners.append(obj.original.name)
         number = len(self.looks) - 1
         self._add(points, corners, np.full(len(corners), number, np.int32))
