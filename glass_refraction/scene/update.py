@@ -35,6 +35,7 @@ from .read.glasses import (
     instanced_glasses,
     is_mesh_glass,
     merged_glasses,
+    put_last,
     read_glass,
 )
 from .read.modifier_inputs import write_input
@@ -120,6 +121,10 @@ def prepare(
         remove(scene, rendering=rendering)
         status(scene).problems = problems if scene.refractive_glass.enabled else []
         return
+    for obj in glasses:
+        # Blender lets no modifier be moved that an overridden object has of its library.
+        if obj.override_library is None:
+            put_last(obj)
     view = read_viewpoint(scene, depsgraph)
     if not can_insert(scene):
         raise RefractiveGlassError(

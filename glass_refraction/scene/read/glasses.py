@@ -168,6 +168,19 @@ def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
     return None
 
 
+def put_last(obj: bpy.types.Object) -> None:
+    """Have a glass's modifier stand behind all others: what they make of the mesh is the glass.
+
+    Blender puts new modifiers at the end, and those of *Shade Auto Smooth* even behind that: it
+    pins them there.
+    """
+    modifier, last = glass_modifier(obj), len(obj.modifiers) - 1
+    if not modifier.use_pin_to_last:
+        modifier.use_pin_to_last = True
+    if obj.modifiers[last] != modifier:
+        obj.modifiers.move(obj.modifiers.find(modifier.name), last)
+
+
 def glass_objects(view_layer: bpy.types.ViewLayer, *, ever: bool = False) -> list[bpy.types.Object]:
     """The objects of the view layer that are a glass and take part in renders.
 
