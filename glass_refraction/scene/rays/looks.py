@@ -73,3 +73,17 @@ def look_of(material: bpy.types.Material | None) -> Look:
             glossy = node.type == "BSDF_GLOSSY"
             return Look(colour, is_glossy=glossy)
     return Look(plain)
+
+
+def softbox_look(material: bpy.types.Material | None) -> Look | None:
+    """The look of what is hidden from cameras: that of a lamp if it emits one colour, else None."""
+    end = material.node_tree.get_output_node("ALL") if material and material.node_tree else None
+    links = end.inputs["Surface"].links if end is not None else ()
+    node = links[0].from_node if links and not links[0].is_muted else None
+    if node is None or node.type != "EMISSION" or node.mute:
+        return None
+    if node.inputs["Color"].is_linked or node.inputs["Strength"].is_linked:
+        return None
+    strength = float(node.inputs["Strength"].default_value)
+    radiance = tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])
+    return Look((0.0, 0.0, 0.0), radiance, is_lamp=True, is_hidden=True)

@@ -46,10 +46,8 @@ class Sky:
         return clear & ~ways.is_mirrored if self.mirrors_world else clear
 
 
-def sky_of(
-    scene: bpy.types.Scene, suns: tuple[Sun, ...], override: bpy.types.World | None = None
-) -> Sky:
-    """The sky of an evaluated scene's world, or of a view layer's own, as its engine draws it.
+def sky_of(scene: bpy.types.Scene, suns: tuple[Sun, ...], world: bpy.types.World | None) -> Sky:
+    """The sky of an evaluated scene with a world, as its engine draws it.
 
     A transparent film shows through glass as it does beside it: as in Cycles with *Transparent
     Glass*, in every engine.
@@ -57,6 +55,5 @@ def sky_of(
     engine, cut_out = scene.render.engine, scene.render.film_transparent
     if engine == "BLENDER_WORKBENCH":
         return Sky(BLACK if cut_out else None, (), cut_out, mirrors_world=False)
-    world = override or scene.world
     apart = is_of_cameras(world, engine)
     return Sky(uniform_radiance(world, engine), suns, cut_out, is_of_cameras=apart)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import bpy
@@ -12,7 +13,7 @@ from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import positions
 from .lamps import lamp_shape
-from .looks import Look, look_of
+from .looks import Look, look_of, softbox_look
 
 _CONVERTED_TYPES = {"CURVE", "SURFACE", "FONT", "META"}
 
@@ -71,6 +72,8 @@ class Things(Triangles):
 def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], engine: str) -> Things:
     """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
 
+    What is hidden from cameras and emits one colour is such a lamp: a softbox.
+
     Parameters
     ----------
     left_out : names of objects that no ray meets here: the glasses.
@@ -89,14 +92,17 @@ def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], engine
             if engine != "BLENDER_WORKBENCH" and obj.visible_glossy:
                 builder.add_lamp(obj, np.array(instance.matrix_world, float), engine)
             continue
+        look = look_of
         if not (obj.visible_camera and owner.visible_camera):
-            continue
+            if engine == "BLENDER_WORKBENCH" or not (obj.visible_glossy and owner.visible_glossy):
+                continue
+            look = softbox_look
         if obj.type == "MESH":
-            builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float))
+            builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float), look)
         elif obj.type in _CONVERTED_TYPES:
             mesh = obj.to_mesh()
             if mesh is not None:
-                builder.add_mesh(obj, owner, mesh, np.array(instance.matrix_world, float))
+                builder.add_mesh(obj, owner, mesh, np.array(instance.matrix_world, float), look)
                 obj.to_mesh_clear()
     return builder.things()
 
@@ -118,8 +124,9 @@ class _Builder:
         owner: bpy.types.Object,
         mesh: bpy.types.Mesh,
         to_world: np.ndarray,
+        look: Callable[[bpy.types.Material | None], Look | None],
     ) -> None:
-        """The triangles of one evaluated mesh; instances of it share what was read."""
+        """The triangles of one evaluated mesh that have a look; instances share what was read."""
         shared = obj.type == "MESH"
         key = mesh.as_pointer()
         if not (shared and key in self._meshes):
@@ -127,8 +134,12 @@ class _Builder:
         local, corners, slots = self._meshes[key]
         if not len(corners):
             return
-        number = self._look_numbers(obj, owner, mesh, int(slots.max()))
-        self._add(rotated(to_world[:3, :3], local.T).T + to_world[:3, 3], corners, number[slots])
+        surface = self._look_numbers(obj, owner, mesh, int(slots.max()), look)[slots]
+        if (surface < 0).any():
+            corners, surface = corners[surface >= 0], surface[surface >= 0]
+        if len(corners):
+            points = rotated(to_world[:3, :3], local.T).T + to_world[:3, 3]
+            self._add(points, corners, surface)
 
     def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray, engine: str) -> None:
         """A lamp that has a size, as the surface that gives its light."""
@@ -141,8 +152,8 @@ class _Builder:
         number = len(self.looks) - 1
         self._add(points, corners, np.full(len(corners), number, np.int32))
 
-    def _look_numbers(self, obj, owner, mesh, highest: int) -> np.ndarray:
-        """The number of the look of each material slot up to the highest in use."""
+    def _look_numbers(self, obj, owner, mesh, highest: int, look_of) -> np.ndarray:
+        """The number of the look of each material slot up to the highest in use; −1: of none."""
         numbers = []
         for slot in range(highest + 1):
             if slot < len(obj.material_slots):
@@ -151,9 +162,11 @@ class _Builder:
                 material = mesh.materials[slot] if slot < len(mesh.materials) else None
             key = (owner.name, obj.original.name, material.name if material else "")
             if key not in self._numbers:
-                self._numbers[key] = len(self.looks)
-                self.looks.append(look_of(material))
-                self.owners.append(owner.name)
+                look = look_of(material)
+                self._numbers[key] = -1 if look is None else len(self.looks)
+                if look is not None:
+                    self.looks.append(look)
+                    self.owners.append(owner.name)
             numbers.append(self._numbers[key])
         return np.array(numbers, np.int32)
 

@@ -36,7 +36,7 @@ from ..read.viewpoint import (
     samples_setting,
 )
 from ..read.visibility import rendered_layer
-from ..read.world import film_exposure
+from ..read.world import film_exposure, shown_world
 from .caster import Casters, fill_cast_collection
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
@@ -203,6 +203,11 @@ _SHADERS = {
 """Inputs of these materials' shaders."""
 
 
+_OF_LAYERS = ("material_override", "world_override", "use_sky", "use_ao", "use_solid")
+_OF_LAYERS += ("use_strand", "use_volumes", "use_motion_blur")
+"""What captures show as the user's view layer does."""
+
+
 def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
     """Give the views the user's settings; cameras and samples are a frame's.
 
@@ -225,7 +230,7 @@ def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
             kept["cycles"] |= {"max_bounces": 1, "transmission_bounces": 1}
         match_settings(scene, capture, kept)
         layer = capture.view_layers[0]
-        for name in ("material_override", "world_override"):
+        for name in _OF_LAYERS:
             if hasattr(layer, name):
                 write_setting(layer, name, getattr(user_layer, name))
 
@@ -340,7 +345,7 @@ def _kept_light(scene: bpy.types.Scene) -> KeptLight:
 def _read(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint, problems: list[str]
 ) -> FrameInput:
-    settings = scene.refractive_glass
+    settings, user = scene.refractive_glass, depsgraph.scene_eval
     glasses = tuple(read_glasses(depsgraph, problems))
     left_out = frozenset(
         obj.name
@@ -361,7 +366,7 @@ def _read(
     return FrameInput(
         glasses=glasses,
         things=read_things(depsgraph, left_out, render.engine),
-        sky=sky_of(depsgraph.scene_eval, tuple(suns), _world_override(depsgraph.view_layer)),
+        sky=sky_of(user, tuple(suns), shown_world(user, depsgraph.view_layer)),
         view=view,
         near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),
         region=region,
@@ -419,11 +424,6 @@ def _seen_through(scene: bpy.types.Scene, problems: list[str]) -> frozenset[str]
         )
         return None
     return next(iter(chosen), None)
-
-
-def _world_override(view_layer: bpy.types.ViewLayer) -> bpy.types.World | None:
-    """The world of the view layer's own, which Blender knows of from 5.0 on."""
-    return getattr(view_layer, "world_override", None)
 
 
 def _filter_size(scene: bpy.types.Scene) -> float:

@@ -9,6 +9,14 @@ Radiance = tuple[float, float, float]
 BLACK: Radiance = (0.0, 0.0, 0.0)
 
 
+def shown_world(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bpy.types.World | None:
+    """The world that a view layer shows: in Cycles it may leave it out."""
+    if scene.render.engine == "CYCLES" and not layer.use_sky:
+        return None
+    # Blender knows of a layer's own world from 5.0 on.
+    return getattr(layer, "world_override", None) or scene.world
+
+
 def uniform_radiance(world: bpy.types.World | None, engine: str) -> Radiance | None:
     """The radiance (linear red, green, blue) of a world of one colour, None of any other.
 

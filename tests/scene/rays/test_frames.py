@@ -559,6 +559,8 @@ def _hide_render(obj, scene):
 
 def _hide_from_cameras(obj, scene):
     obj.visible_camera = False
+    # What emits is a softbox.
+    obj.data.materials.clear()
 
 
 def _exclude_collection(obj, scene):
@@ -936,3 +938,34 @@ def test_between_two_frames_all_is_seen_where_it_is_then(tmp_path):
             point.interpolation = "LINEAR"
     scene.frame_set(1, subframe=0.5)
     np.testing.assert_array_equal(scenes.picture(scene, tmp_path), wanted)
+
+
+def test_a_softbox_that_cameras_do_not_see_is_mirrored(tmp_path):
+    """Beside it a matte face of the same mesh is not seen at all."""
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall(stripes=6)
+    scene = _scene(samples=16)
+    _world((0.1, 0.1, 0.1))
+    bpy.ops.mesh.primitive_grid_add(
+        x_subdivisions=2, y_subdivisions=1, size=0.3, location=(0.0, -0.5, 0.06)
+    )
+    softbox = bpy.context.object
+    softbox.rotation_euler.x = -np.pi / 2
+    softbox.visible_camera = False
+    softbox.data.materials.append(scenes.emissive("softbox", (5.0, 4.0, 3.0)))
+    softbox.data.materials.append(bpy.data.materials.new("matte"))
+    softbox.data.polygons[1].material_index = 1
+    scenes.glass(shape="CYLINDER")
+    found, _ = _against_cycles(scene, tmp_path, 25.0)
+    softbox.visible_glossy = False
+    without = scenes.picture(scene, tmp_path, "without")
+    assert (found - without).max() > 0.1
+
+
+def test_a_world_that_the_view_layer_leaves_out_is_not_in_the_glass(tmp_path):
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene()
+    _world((0.4, 0.5, 0.6))
+    scene.view_layers[0].use_sky = False
+    scenes.glass(shape="SPHERE", wall_thickness=0.0).location.z = 0.05
+    assert np.abs(scenes.picture(scene, tmp_path)[..., :3]).max() < 1e-4
