@@ -627,3 +627,28 @@ def test_a_file_of_an_older_version_gets_the_modifier_anew():
     obj = _own_mesh(_ball())
     assert glass_modifier(obj).node_group != group
     assert read_input(glass_modifier(obj), "Shape") == "Mesh"
+
+
+def test_the_volume_absorption_of_the_meshs_own_material_is_cycles_own(tmp_path):
+    scenes.camera(location=(0.0, -0.3, 0.08), tilt=np.pi / 2)
+    scene = scenes.settings(48, 36, samples=16, shading="TRUE", surface="GLASS")
+    world = bpy.data.worlds.new("World")
+    background = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    scene.world = world
+    obj = _ball()
+    obj.scale = (1.0, 1.0, 0.7)
+    material = _material("ShaderNodeBsdfGlass", IOR=1.5, Roughness=0.0)
+    tree = material.node_tree
+    volume = tree.nodes.new("ShaderNodeVolumeAbsorption")
+    volume.inputs["Color"].default_value = (0.2, 0.6, 0.9, 1.0)
+    volume.inputs["Density"].default_value = 30.0
+    tree.links.new(volume.outputs[0], tree.get_output_node("ALL").inputs["Volume"])
+    obj.data.materials.append(material)
+    _own_mesh(obj)
+    found = scenes.picture(scene, tmp_path)
+    assert found[18, 24, 0] < 0.5 * found[18, 24, 2]
+    scene.refractive_glass.enabled = False
+    scene.cycles.samples = 64
+    wanted = scenes.picture(scene, tmp_path, "own")
+    assert np.sqrt(((found - wanted)[..., :3] ** 2).mean()) < 0.02

@@ -15,7 +15,7 @@ from ... import optics
 from ...optics.axial import AxialGlass
 from ..names import RefractiveGlassError, own
 from .animation import may_change
-from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass
+from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass, volume_absorption
 from .modifier_inputs import data_path, has_input, read_input
 from .visibility import layer_objects, rendered_objects
 
@@ -492,7 +492,9 @@ def _mesh_of(
         description = shape(interface_of(evaluated, depsgraph, ior))
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
-        absorption = _absorption(modifier, description, scale)
+        clear, inside = _absorption(modifier, description, scale)
+        inside = np.array(inside) + volume_absorption(evaluated, depsgraph)
+        absorption = (clear, tuple(map(float, inside)))
         abbe = (float(read_input(modifier, "Abbe Number")), 0.0)
         glass = Glass(name, description, np.eye(4), absorption, abbe, priority=_priority(modifier))
         glass.bands()
