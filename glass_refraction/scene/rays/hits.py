@@ -183,6 +183,7 @@ class Scene:
         looks = things.looks
         self._is_lamp = np.array([look.is_lamp for look in looks], bool)
         self._is_glossy = np.array([look.is_glossy for look in looks], bool)
+        self._is_hole = np.array([look.is_hole for look in looks], bool)
         self._is_hidden = np.array([look.is_hidden for look in looks], bool)
         self.caster = Past(caster, self._is_there, skin) if self._is_lamp.any() else caster
         hides = self._is_hidden.any()
@@ -204,11 +205,17 @@ class Scene:
 
     def is_known(self, ways: Ways) -> np.ndarray:
         """(K,) whose light is known without a view: lamps, a sky of one colour, and none."""
-        known = ways.is_sky & (self.sky.radiance is not None or self.sky.is_clear(ways))
+        known = ways.is_sky & (self.sky.radiance is not None)
         some = np.flatnonzero(~ways.is_sky)
         known[some] = self._is_lamp[self.things.surface[ways.triangle[some]]]
-        known |= ~ways.colour.any(axis=1)
-        return known
+        return known | self.is_clear(ways) | ~ways.colour.any(axis=1)
+
+    def is_clear(self, ways: Ways) -> np.ndarray:
+        """(K,) which show a hole in the picture: the sky or a holdout, of a transparent film."""
+        hole = ways.is_sky
+        some = np.flatnonzero(~hole)
+        hole[some] = self._is_hole[self.things.surface[ways.triangle[some]]]
+        return hole & self.sky.is_clear(ways)
 
     def hits(self, ways: Ways) -> Hits:
         """The hits of ways."""

@@ -25,6 +25,7 @@ class Look:
     is_lamp : the radiance is all that it shows, and no view shows it. It is not there for light
         that it does not meet with its own.
     is_hidden : from cameras.
+    is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
     faces : 1: it gives light on the side of its normals only; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
@@ -37,6 +38,7 @@ class Look:
     faces: int = 0
     beam: Beam | None = None
     is_hidden: bool = False
+    is_hole: bool = False
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """(K,) how bright it is, over its radiance, for ways that meet it.
@@ -73,6 +75,11 @@ def look_of(material: bpy.types.Material | None) -> Look:
             glossy = node.type == "BSDF_GLOSSY"
             return Look(colour, is_glossy=glossy)
     return Look(plain)
+
+
+def hole_look(_material: bpy.types.Material | None) -> Look:
+    """The look of a holdout."""
+    return Look((0.0, 0.0, 0.0), is_hole=True)
 
 
 def softbox_look(material: bpy.types.Material | None) -> Look | None:

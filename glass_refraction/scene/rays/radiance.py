@@ -112,7 +112,7 @@ class Lookups(Columns):
             shown.pixels,
             scene.things.surfaces(ways.triangle),
             np.where(ways.is_sky[:, None], ways.direction, ways.point),
-            ways.is_sky & scene.sky.is_clear(ways),
+            scene.is_clear(ways),
             clamp.limited(light, known),
         )
 

@@ -41,7 +41,7 @@ class Sky:
         return not (self.is_cut_out or self.is_of_cameras)
 
     def is_clear(self, ways: Ways) -> np.ndarray:
-        """(K,) which show a hole in the picture where they meet nothing."""
+        """(K,) which show a hole in the picture where they meet nothing, or a holdout."""
         clear = np.full(len(ways), self.is_cut_out)
         return clear & ~ways.is_mirrored if self.mirrors_world else clear
 

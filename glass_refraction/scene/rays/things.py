@@ -13,7 +13,7 @@ from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import positions
 from .lamps import lamp_shape
-from .looks import Look, look_of, softbox_look
+from .looks import Look, hole_look, look_of, softbox_look
 
 _CONVERTED_TYPES = {"CURVE", "SURFACE", "FONT", "META"}
 
@@ -92,7 +92,7 @@ def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], engine
             if engine != "BLENDER_WORKBENCH" and obj.visible_glossy:
                 builder.add_lamp(obj, np.array(instance.matrix_world, float), engine)
             continue
-        look = look_of
+        look = hole_look if owner.holdout_get(view_layer=depsgraph.view_layer) else look_of
         if not (obj.visible_camera and owner.visible_camera):
             if engine == "BLENDER_WORKBENCH" or not (obj.visible_glossy and owner.visible_glossy):
                 continue

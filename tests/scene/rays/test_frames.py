@@ -628,13 +628,16 @@ def test_a_holdout_is_a_hole_in_the_glass_too(tmp_path):
     scene.render.film_transparent = True
     bpy.ops.mesh.primitive_cube_add(size=0.05, location=(0, 0.1, 0.06))
     bpy.context.object.is_holdout = True
-    scenes.glass(shape="CYLINDER", radius=0.06)
+    scenes.glass(shape="CYLINDER", radius=0.06, contents_ior=1.333)
     found = scenes.picture(scene, tmp_path)
+    inner = _inner(_covered(scene))
     plain = _plain(scene, tmp_path)
     hole = plain[22:26, 30:34, 3].mean()
     assert hole == pytest.approx(0.0, abs=1e-3)
     # The glass's own reflections are all that is left there.
     assert found[22:26, 30:34, 3].mean() < 0.35
+    wanted = _reference(scene)
+    assert np.abs(found - wanted)[inner][:, 3].mean() < 0.03
 
 
 @pytest.mark.parametrize("inside", [False, True])
