@@ -230,7 +230,8 @@ def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
             kept["cycles"] |= {"max_bounces": 1, "transmission_bounces": 1}
         match_settings(scene, capture, kept)
         layer = capture.view_layers[0]
-        for name in _OF_LAYERS:
+        # A pane has its own material.
+        for name in ("world_override",) if own(capture, SKY) else _OF_LAYERS:
             if hasattr(layer, name):
                 write_setting(layer, name, getattr(user_layer, name))
 

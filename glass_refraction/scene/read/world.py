@@ -54,10 +54,16 @@ def is_of_cameras(world: bpy.types.World | None, engine: str) -> bool:
     return world.node_tree is not None and _asks_for_rays(world.node_tree)
 
 
+_ALIKE = ("Is Shadow Ray", "Is Diffuse Ray", "Is Volume Scatter Ray")
+"""Outputs of a Light Path node that neither a camera's ray nor one through glass sets."""
+
+
 def _asks_for_rays(tree: bpy.types.NodeTree) -> bool:
     """Whether a tree, or a group in it, takes anything from a Light Path node."""
     for node in tree.nodes:
-        if node.type == "LIGHT_PATH" and any(output.is_linked for output in node.outputs):
+        if node.type == "LIGHT_PATH" and any(
+            output.is_linked and output.name not in _ALIKE for output in node.outputs
+        ):
             return True
         if node.type == "GROUP" and node.node_tree is not None and _asks_for_rays(node.node_tree):
             return True

@@ -905,6 +905,7 @@ def test_a_world_that_is_for_cameras_alone_is_not_seen_in_the_glass(tmp_path, en
     tree.links.new(plain.outputs[0], mix.inputs[1])
     tree.links.new(of_cameras.outputs[0], mix.inputs[2])
     tree.links.new(mix.outputs[0], end.inputs["Surface"])
+    scene.view_layers[0].material_override = scenes.emissive("override", (0.0, 1.0, 0.0))
     scenes.glass(shape="SPHERE", wall_thickness=0.0).location.z = 0.05
     found = scenes.picture(scene, tmp_path)
     inner = _inner(_covered(scene))
