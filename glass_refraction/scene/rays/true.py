@@ -63,8 +63,8 @@ CAPTURE, SKY, CAST = "capture", "sky", "cast"
 """Roles of own scenes: for captures, for views of the world alone, and to cast rays in."""
 ROOM = Room(captures=3, skies=3)
 """Views that the compositor tree has room for."""
-LEAST_CLIP = 1e-4
-"""Metres: where a view of the world begins to see."""
+LEAST_CLIP = 1e-6
+"""Metres: where a view begins to see at least, as near as Blender lets a camera see."""
 UNCOVERED = 0.5
 """Part of a pixel beside all glasses from which on it counts as not covered."""
 UNREADY = "The render began before the last setting was taken up: render again"

@@ -973,3 +973,19 @@ def test_a_world_that_the_view_layer_leaves_out_is_not_in_the_glass(tmp_path):
     scene.view_layers[0].use_sky = False
     scenes.glass(shape="SPHERE", wall_thickness=0.0).location.z = 0.05
     assert np.abs(scenes.picture(scene, tmp_path)[..., :3]).max() < 1e-4
+
+
+def test_a_scene_of_a_tenth_of_a_millimetre_looks_as_it_does_large(tmp_path):
+    """Also what captures show: a thing that the glass magnifies."""
+    scenes.cup(scenes.HIGH)
+    scene = _scene(samples=8)
+    bpy.ops.mesh.primitive_cube_add(size=0.05, location=(0.0, 0.09, 0.03))
+    _red(bpy.context.object)
+    scene.camera.data.clip_start = 1e-5
+    large = scenes.picture(scene, tmp_path, "large")
+    for obj in scene.objects:
+        obj.location *= 1e-3
+        if obj.type != "CAMERA":
+            obj.scale *= 1e-3
+    small = scenes.picture(scene, tmp_path, "small")
+    assert np.abs(small - large)[_covered(scene)].mean() < 0.01
