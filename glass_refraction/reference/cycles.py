@@ -258,9 +258,26 @@ def _reference_scene(scene: bpy.types.Scene) -> Iterator[bpy.types.Scene]:
         reference.render.use_sequencer = False
         reference.render.use_multiview = False
         reference.render.use_persistent_data = False
+        _check_bodies(scene, reference)
         yield reference
     finally:
         bpy.data.scenes.remove(reference)
+
+
+def _check_bodies(scene: bpy.types.Scene, copy: bpy.types.Scene) -> None:
+    """Raise where rigid bodies have moved: Blender copies a scene without what it simulated."""
+    world = scene.rigidbody_world
+    if world is None or world.collection is None:
+        return
+    copy.view_layers[0].update()
+    depsgraphs = scene_depsgraph(scene), copy.view_layers[0].depsgraph
+    for obj in world.collection.objects:
+        places = [np.array(obj.evaluated_get(d).matrix_world, float) for d in depsgraphs]
+        if not np.allclose(*places, rtol=1e-4, atol=1e-6):
+            raise RefractiveGlassError(
+                f'Rigid body "{obj.name}" has moved, which the reference cannot know: bake the '
+                "simulation to keyframes first (Object > Rigid Body > Bake to Keyframes)"
+            )
 
 
 def _exclude_own(layer_collection: bpy.types.LayerCollection) -> None:

@@ -21,7 +21,7 @@ import bpy
 import numpy as np
 
 from .bake.playback import bake_problems, is_held
-from .build.compositor import can_insert, remove_group, remove_stray_nodes
+from .build.compositor import can_insert, remove_group, remove_stray_nodes, shown_scenes
 from .build.own_scenes import find_own_scenes, remove_leftovers, remove_own_scenes
 from .changes import generation
 from .memory import Status, Step, counters, forget, memory_of, status
@@ -35,6 +35,7 @@ from .read.glasses import (
     instanced_glasses,
     is_mesh_glass,
     merged_glasses,
+    put_last,
     read_glass,
 )
 from .read.modifier_inputs import write_input
@@ -101,6 +102,13 @@ def prepare(
             f'Geometry Nodes of "{host.name}" merge glass "{glass.name}" into its mesh, where it '
             "is no glass: switch on As Instance in Object Info, and realize no instances"
         )
+    for other in shown_scenes(scene):
+        if other.refractive_glass.enabled and all_glasses(rendered_layer(other)):
+            problems.append(
+                f'Scene "{scene.name}" shows the layers of scene "{other.name}", whose glasses are '
+                "computed where it is rendered itself only: render it to a file, and show that by "
+                "an Image node"
+            )
     glasses = _editable(placed, problems)
     if effective_shading(scene) == "TRUE":
         glasses += _editable(instanced, problems)
@@ -120,6 +128,10 @@ def prepare(
         remove(scene, rendering=rendering)
         status(scene).problems = problems if scene.refractive_glass.enabled else []
         return
+    for obj in glasses:
+        # Blender lets no modifier be moved that an overridden object has of its library.
+        if obj.override_library is None:
+            put_last(obj)
     view = read_viewpoint(scene, depsgraph)
     if not can_insert(scene):
         raise RefractiveGlassError(

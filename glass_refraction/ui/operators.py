@@ -14,7 +14,7 @@ from ..scene.build.materials import glass_material
 from ..scene.memory import Step
 from ..scene.names import MODIFIER, load_group, own
 from ..scene.read.arrays import positions
-from ..scene.read.glasses import glass_modifier
+from ..scene.read.glasses import glass_modifier, put_last
 from ..scene.read.lathe import Lathe, lathe_of
 from ..scene.read.mesh_glasses import (
     glassy_materials,
@@ -213,6 +213,7 @@ class GlassProperties:
         """Put the modifier on the object with these values; ``lathe`` is the mesh's profile."""
         modifier = obj.modifiers.new(MODIFIER, "NODES")
         modifier.node_group = group
+        put_last(obj)
         write_input(modifier, "Shape", self.shape.title())
         material = glass_material(self.ior)
         if self.shape == "MESH" and not obj.material_slots:

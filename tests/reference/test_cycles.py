@@ -347,6 +347,19 @@ def test_the_frame_is_the_scenes_own(scene):
     assert found[:, 0, 2] == pytest.approx(offset[: SIZE // 4], abs=2e-6)
 
 
+def test_bodies_that_a_simulation_moved_are_named(scene):
+    """Blender copies a scene without what it simulated: they would stand where they began."""
+    bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0.0, 0.0, 0.5))
+    bpy.ops.rigidbody.world_add()
+    bpy.ops.rigidbody.object_add(type="ACTIVE")
+    render_reference(scene, samples=1, glasses=[])
+    for frame in range(1, 6):
+        scene.frame_set(frame)
+    with pytest.raises(RefractiveGlassError, match='"Cube" has moved'):
+        render_reference(scene, samples=1, glasses=[])
+    assert len(bpy.data.scenes) == 1
+
+
 def test_bad_input_is_named(scene):
     with pytest.raises(ValueError, match="surface must be one of GLASS, REFRACTION, not 'STEEL'"):
         render_reference(scene, surface="STEEL")

@@ -12,7 +12,7 @@ from glass_refraction.scene.memory import counters
 from glass_refraction.scene.names import MODIFIER, RefractiveGlassError, load_group
 from glass_refraction.scene.rays import exits
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
-from glass_refraction.scene.read.mesh_glasses import open_edges
+from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of
 from glass_refraction.scene.read.modifier_inputs import read_input, write_input
 
 SIZE = {"width": 80, "height": 60, "samples": 4, "shading": "TRUE", "surface": "GLASS"}
@@ -451,19 +451,63 @@ def test_renders_know_the_roughness_of_the_meshs_own_material(tmp_path):
     obj = _ball()
     obj.data.materials.append(_material("ShaderNodeBsdfGlass", IOR=1.7, Roughness=0.2))
     _own_mesh(obj)
+    mesh = _rendered_mesh(scene, tmp_path)
+    assert (mesh.ior, mesh.roughness) == pytest.approx((1.7, 0.2))
+
+
+def _rendered_mesh(scene, folder):
+    """The one glass of a scene as a render knows it."""
     seen = []
 
     def read(user_scene, depsgraph):
         if user_scene == scene and depsgraph.mode == "RENDER":
-            mesh = read_glasses(depsgraph)[0].description
-            seen.append((mesh.ior, mesh.roughness))
+            seen.append(read_glasses(depsgraph)[0].description)
 
     bpy.app.handlers.frame_change_post.append(read)
     try:
-        scenes.picture(scene, tmp_path)
+        scenes.picture(scene, folder)
     finally:
         bpy.app.handlers.frame_change_post.remove(read)
-    assert seen[0] == pytest.approx((1.7, 0.2))
+    return seen[0]
+
+
+def _auto_smooth(obj):
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.object.shade_auto_smooth()
+
+
+def _bevel(obj):
+    obj.modifiers.new("Bevel", "BEVEL").width = 0.005
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [([_auto_smooth], []), ([], [_auto_smooth]), ([_auto_smooth], [_bevel]), ([], [_bevel])],
+    ids=("smoothed", "smoothed afterwards", "smoothed, then bevelled", "bevelled afterwards"),
+)
+def test_all_modifiers_shape_the_glass_whenever_they_are_added(tmp_path, before, after):
+    scenes.camera()
+    scene = scenes.settings(24, 18, samples=1, shading="TRUE", surface="GLASS")
+    bpy.ops.mesh.primitive_cylinder_add(radius=0.04, depth=0.1, location=(0.0, 0.0, 0.06))
+    obj = bpy.context.object
+    for add in before:
+        add(obj)
+    _own_mesh(obj)
+    for add in after:
+        add(obj)
+    found = _rendered_mesh(scene, tmp_path)
+    plain = obj.copy()
+    scene.collection.objects.link(plain)
+    plain.modifiers.remove(glass_modifier(plain))
+    evaluated = plain.evaluated_get(scenes.depsgraph())
+    points, normals = triangles_of(evaluated.data)
+    # The same corners, in whichever triangles.
+    one, other = (
+        np.unique(np.concatenate((p, n), axis=2).reshape(-1, 6).round(3) + 0.0, axis=0)
+        for p, n in ((found.points, found.normals), (points + np.array(obj.location), normals))
+    )
+    apart = np.abs(one[:, None] - other).max(axis=2)
+    assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 2e-3
 
 
 def _coarser(picture, step):
@@ -583,3 +627,28 @@ def test_a_file_of_an_older_version_gets_the_modifier_anew():
     obj = _own_mesh(_ball())
     assert glass_modifier(obj).node_group != group
     assert read_input(glass_modifier(obj), "Shape") == "Mesh"
+
+
+def test_the_volume_absorption_of_the_meshs_own_material_is_cycles_own(tmp_path):
+    scenes.camera(location=(0.0, -0.3, 0.08), tilt=np.pi / 2)
+    scene = scenes.settings(48, 36, samples=16, shading="TRUE", surface="GLASS")
+    world = bpy.data.worlds.new("World")
+    background = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    scene.world = world
+    obj = _ball()
+    obj.scale = (1.0, 1.0, 0.7)
+    material = _material("ShaderNodeBsdfGlass", IOR=1.5, Roughness=0.0)
+    tree = material.node_tree
+    volume = tree.nodes.new("ShaderNodeVolumeAbsorption")
+    volume.inputs["Color"].default_value = (0.2, 0.6, 0.9, 1.0)
+    volume.inputs["Density"].default_value = 30.0
+    tree.links.new(volume.outputs[0], tree.get_output_node("ALL").inputs["Volume"])
+    obj.data.materials.append(material)
+    _own_mesh(obj)
+    found = scenes.picture(scene, tmp_path)
+    assert found[18, 24, 0] < 0.5 * found[18, 24, 2]
+    scene.refractive_glass.enabled = False
+    scene.cycles.samples = 64
+    wanted = scenes.picture(scene, tmp_path, "own")
+    assert np.sqrt(((found - wanted)[..., :3] ** 2).mean()) < 0.02

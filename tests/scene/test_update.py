@@ -273,3 +273,20 @@ def test_own_scenes_settings_are_written_where_they_differ_only(engine):
     scene.render.resolution_x = 100
     assert _counted(lambda: door.prepare(scene, scenes.depsgraph()))["settings"] > 0
     assert {s.render.resolution_x for s in find_layers(scene).all()} == {100}
+
+
+def test_glasses_of_another_scene_that_the_compositor_shows_are_told_of(tmp_path):
+    behind, _, _ = _scene(samples=1)
+    front = bpy.data.scenes.new("Front")
+    front.camera = behind.camera
+    tree = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
+    tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    front.compositing_node_group = tree
+    layers, end = (tree.nodes.new(n) for n in ("CompositorNodeRLayers", "NodeGroupOutput"))
+    tree.links.new(layers.outputs["Image"], end.inputs[0])
+    for shown, told in ((front, False), (behind, True)):
+        layers.scene = shown
+        bpy.context.window.scene = front
+        scenes.settings(8, 6, samples=1)
+        scenes.picture(front, tmp_path)
+        assert any(f'"{behind.name}"' in p for p in door.status(front).problems) is told

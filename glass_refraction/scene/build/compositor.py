@@ -89,6 +89,14 @@ def can_insert(scene: bpy.types.Scene) -> bool:
     return tree is None or bool(_render_layers(scene, tree))
 
 
+def shown_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
+    """The user's other scenes whose layers the scene's tree shows."""
+    tree = scene.compositing_node_group
+    nodes = tree.nodes if tree is not None else ()
+    shown = [n.scene for n in nodes if n.bl_idname == "CompositorNodeRLayers" and not n.mute]
+    return [s for s in dict.fromkeys(shown) if s not in (None, scene) and not own(s)]
+
+
 def remove_stray_nodes() -> None:
     """Take the extension's nodes out of trees that no scene shows any more.
 

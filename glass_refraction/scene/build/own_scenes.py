@@ -293,7 +293,8 @@ def match_settings(
                 if key.startswith(f"{name}.")
             }
             _copy_properties(source, target, overrides.get(name, {}), nested)
-    plain = {name: getattr(scene, name) for name in ("camera", "world", "frame_current")}
+    # With the part of a frame that scripts may have gone on to.
+    plain = {name: getattr(scene, name) for name in ("camera", "world", "frame_float")}
     for name, value in (plain | dict(overrides.get("scene", {}))).items():
         write_setting(own_scene, name, value)
 

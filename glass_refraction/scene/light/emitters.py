@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ...optics.vectors import dot, perpendiculars
+from ..rays.beams import Beam, beam_of
 from ..rays.lamps import lamp_is_normalised, lamp_power
 from ..read.viewpoint import Viewpoint
 
@@ -25,8 +26,6 @@ CELL = 0.5
 1.5 %, and sharper ones are not."""
 NEAR_COSINE = 0.25
 """A lamp that sees a glass farther aside than this from its axis looks all round itself."""
-SHARPEST = 1e-4
-"""Least width of a spot's border, by cosines, as the engines have it."""
 WIDEST_SUN = np.radians(80.0)
 """Half angle of a sun, at most."""
 FACES = np.array([[axis, np.roll(axis, 1)] for axis in (*np.eye(3), *-np.eye(3))])
@@ -44,7 +43,7 @@ class Emitter:
     place : (3,) world. axes : (3, 3) unit columns; its light goes along the last one, reversed.
     half : half its width along both axes: metres, of a sun the tangent of the half angle.
     is_sun, is_round, is_flat : a flat one sends light by the cosine, on one side.
-    spot : cosine of the half angle and width of the border, by cosines; None: no spot.
+    beam : how its light falls off beside its axis; None: not at all.
     """
 
     name: str
@@ -55,7 +54,7 @@ class Emitter:
     is_sun: bool = False
     is_round: bool = True
     is_flat: bool = False
-    spot: tuple[float, float] | None = None
+    beam: Beam | None = None
 
     def side(self, towards: np.ndarray) -> int:
         """Places along either side of its lattice, as seen from a place."""
@@ -93,16 +92,10 @@ class Emitter:
 
     def sent(self, directions: np.ndarray) -> np.ndarray:
         """(N,) what it sends in unit directions (N, 3), over its power."""
-        ahead = -dot(directions.T, self.axes[:, 2])
-        if self.is_sun:
-            return np.ones(len(directions))
+        found = np.ones(len(directions))
         if self.is_flat:
-            return np.maximum(ahead, 0.0)
-        if self.spot is None:
-            return np.ones(len(directions))
-        cosine, border = self.spot
-        share = np.clip((ahead - cosine) / border, 0.0, 1.0)
-        return share * share * (3.0 - 2.0 * share)
+            found = np.maximum(-dot(directions.T, self.axes[:, 2]), 0.0)
+        return found if self.beam is None else found * self.beam.part(directions)
 
     def eyes(
         self, places: np.ndarray, corners: np.ndarray, centre: np.ndarray, back: float
@@ -226,7 +219,8 @@ def emitter_of(light: bpy.types.Light, to_world: np.ndarray, name: str, engine: 
     """A lamp as the engine has it; see `rays.lamps` for its power."""
     scale = np.linalg.norm(to_world[:3, :3], axis=0)
     axes = to_world[:3, :3] / np.where(scale > 0.0, scale, 1.0)
-    power = lamp_power(light)
+    power = lamp_power(light, engine)
+    beam = beam_of(light, to_world, engine)
     if engine != "CYCLES":
         power = power * float(light.diffuse_factor)
     normalised = lamp_is_normalised(light)
@@ -243,11 +237,7 @@ def emitter_of(light: bpy.types.Light, to_world: np.ndarray, name: str, engine: 
         is_round = light.shape in {"DISK", "ELLIPSE"}
         area = half[0] * half[1] * (np.pi if is_round else 4.0)
         power = power / np.pi * (1.0 if normalised else area)
-        return Emitter(name, power, place, axes, half, is_round=is_round, is_flat=True)
+        return Emitter(name, power, place, axes, half, is_round=is_round, is_flat=True, beam=beam)
     radius = float(light.shadow_soft_size)
     power = power / (4.0 * np.pi) if normalised else power * radius**2
-    spot = None
-    if light.type == "SPOT":
-        cosine = float(np.cos(0.5 * light.spot_size))
-        spot = cosine, max((1.0 - cosine) * float(light.spot_blend), SHARPEST)
-    return Emitter(name, power, place, axes, (radius, radius), spot=spot)
+    return Emitter(name, power, place, axes, (radius, radius), beam=beam)

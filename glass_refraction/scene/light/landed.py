@@ -17,7 +17,7 @@ import numpy as np
 
 from ...optics.vectors import dot, perpendiculars
 from ..progress import check
-from ..rays.caster import Caster
+from ..rays.caster import Past
 from ..rays.columns import Columns, joined
 from ..rays.exits import (
     MARGIN_PX,
@@ -231,7 +231,7 @@ def follow_light(
     return joined(Landed, parts)
 
 
-def _with_straight(rays: PictureRays, origins, directions, caster: Caster) -> PictureRays:
+def _with_straight(rays: PictureRays, origins, directions, caster: Past) -> PictureRays:
     """The rays with one more way each that meets a glass: straight on, and its light taken out."""
     ray = np.unique(rays.ways.ray)
     distance, triangle = caster.cast(origins[ray], directions[ray])

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..progress import check, tell
-from ..rays.caster import Caster, cast_past
+from ..rays.caster import Past
 from ..rays.curtain import BLOCK_PX, looked_up
 from ..rays.follow import CONTACT, Follower, Kept
 from ..rays.hits import Scene, Views
@@ -43,17 +43,6 @@ class KeptLight:
     """What earlier frames followed, by lamp."""
 
     lamps: dict[str, Kept] = field(default_factory=dict)
-
-
-class _PastLamps:
-    """A caster that lamps do not stand in the way of: their own light comes through them."""
-
-    def __init__(self, caster: Caster, is_lamp: np.ndarray, skin: float) -> None:
-        self._caster, self._counts, self._skin = caster, ~is_lamp, skin
-
-    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `Caster.cast`."""
-        return cast_past(self._caster, self._counts, self._skin, origins, directions)
 
 
 def light_maps(
@@ -87,7 +76,8 @@ def light_maps(
     skin = CONTACT * reach
     things = scene.things
     is_lamp = np.array([look.is_lamp for look in things.looks], bool)[things.surface]
-    caster = _PastLamps(scene.caster, is_lamp, skin)
+    # Lamps do not stand in the way of each other's light.
+    caster = Past(scene.caster, lambda triangle, _: ~is_lamp[triangle], skin)
     # In large steps: ways are kept while it stays, though things move.
     farthest = (
         np.linalg.norm(np.abs(things.box() - middle).max(axis=0)) if things.points.size else 0.0
@@ -105,7 +95,7 @@ def light_maps(
         tell(f'following the light of "{emitter.name}"')
         grid = grids(emitter, boxes, settings.rays, back)
         known = kept.lamps.setdefault(emitter.name, Kept())
-        of_lamp = replace(follower, view=grid, caster=caster, kept=known, through=None)
+        of_lamp = replace(follower, view=grid, caster=caster, eyes=caster, kept=known, through=None)
         landed = follow_light(emitter, grid, scene, of_lamp, settings.softness, reach)
         for number, one in seen.items():
             found[number] += density(landed, one, sigma_px) * (emitter.power / np.pi)
@@ -119,7 +109,7 @@ def _shape(view: RadianceView | None) -> tuple[int, int, int]:
     return y1 - y0, x1 - x0, 3
 
 
-def _seen(view: RadianceView, used, scene: Scene, caster: _PastLamps) -> Seen:
+def _seen(view: RadianceView, used, scene: Scene, caster: Past) -> Seen:
     """What the middles of a picture's pixels show, of those that are looked up."""
     check()
     x0, y0, x1, y1 = view.picture

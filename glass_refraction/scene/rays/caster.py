@@ -8,6 +8,7 @@ The target's tree of bounding boxes stays until its triangles change.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import bpy
@@ -112,25 +113,39 @@ class Caster:
         return distances, triangles
 
 
-def cast_past(
-    caster: Caster, counts: np.ndarray, skin: float, origins: np.ndarray, directions: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """What rays meet of the triangles that count (T,), as `Caster.cast`.
+class Past:
+    """A caster of what counts alone: rays pass all else.
 
-    ``skin``: metres by which a ray is put behind others at least.
+    counts : takes numbers of triangles (K,) that rays meet and the rays' directions (K, 3); tells
+        (K,) which of these they meet indeed.
+    skin : metres by which a ray is put behind others at least.
     """
-    distance, triangle = caster.cast(origins, directions)
-    for _ in range(MOST_PASSED):
-        left = np.flatnonzero((triangle >= 0) & ~counts[triangle])
-        if not len(left):
-            return distance, triangle
-        passed = distance[left] + np.maximum(skin, BEHIND * distance[left])
-        begin = origins[left] + passed[:, None] * directions[left]
-        further, triangle[left] = caster.cast(begin, directions[left])
-        distance[left] = passed + further
-    hidden = (triangle >= 0) & ~counts[triangle]
-    distance[hidden], triangle[hidden] = np.inf, -1
-    return distance, triangle
+
+    def __init__(self, caster: Caster | Past, counts: Counts, skin: float) -> None:
+        self._caster, self._counts, self._skin = caster, counts, skin
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `Caster.cast`."""
+        distance, triangle = self._caster.cast(origins, directions)
+        left = self._passed(np.arange(len(triangle)), triangle, directions)
+        for _ in range(MOST_PASSED):
+            if not len(left):
+                return distance, triangle
+            passed = distance[left] + np.maximum(self._skin, BEHIND * distance[left])
+            begin = origins[left] + passed[:, None] * directions[left]
+            further, triangle[left] = self._caster.cast(begin, directions[left])
+            distance[left] = passed + further
+            left = self._passed(left, triangle, directions)
+        distance[left], triangle[left] = np.inf, -1
+        return distance, triangle
+
+    def _passed(self, some: np.ndarray, triangle: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """The numbers of those of some rays that meet what does not count."""
+        some = some[triangle[some] >= 0]
+        return some[~self._counts(triangle[some], directions[some])]
+
+
+Counts = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def _fill(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -> None:

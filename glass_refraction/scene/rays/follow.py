@@ -21,7 +21,7 @@ from ...optics.vectors import dot
 from ..memory import counters
 from ..progress import check
 from ..read.viewpoint import Viewpoint
-from .caster import Caster, cast_past
+from .caster import Caster, Past
 from .columns import Columns, joined
 from .hits import Ways
 from .meshes import GlassMeshes
@@ -182,7 +182,8 @@ class Follower:
     Attributes
     ----------
     view : the camera. bands : glasses in light of each band.
-    caster : of things. things : these. boxes : (B, 2, 3) round them.
+    caster : of what light meets that leaves the glasses. eyes : of what rays from the eye meet.
+    things : all these. boxes : (B, 2, 3) round them.
     hull : (2, 3) a box round all glasses. stamp : of the glasses and of how they are followed.
     meshes : the glasses that are meshes.
     min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
@@ -191,7 +192,8 @@ class Follower:
 
     view: Viewpoint
     bands: Sequence[Band]
-    caster: Caster
+    caster: Caster | Past
+    eyes: Caster | Past
     meshes: GlassMeshes
     things: Things
     boxes: np.ndarray
@@ -215,6 +217,12 @@ class Follower:
             Known(self.things, self.through),
             2.0 * self._skin + 4.0 * accuracy,
             self._apart,
+        )
+        through = self.through
+        self._beyond = (
+            self.caster
+            if through is None
+            else Past(self.caster, lambda triangle, _: through[triangle], self._skin)
         )
         placed = [glass for _, glasses in self.bands for glass in glasses]
         self.rough = any(glass.roughness for glass in placed)
@@ -348,7 +356,7 @@ class Follower:
             entry = self._entry(origins, directions)
             # Before the others there is not even a thing's box.
             near = np.flatnonzero(near_boxes(self.boxes, origins.T, directions.T, entry))
-            distance, _ = self.caster.cast(origins[near], directions[near])
+            distance, _ = self.eyes.cast(origins[near], directions[near])
             seen[rays[near]] = distance >= entry[near]
         return seen
 
@@ -359,33 +367,25 @@ class Follower:
             direction = ways.direction[rows]
             # From a little before: what touches the glass there is seen through a film of air.
             begin = ways.origin[rows] - self._skin * direction
-            distance, triangle = self._cast_through(begin, direction)
+            distance, triangle = self._beyond.cast(begin, direction)
             ways.distance[rows] = np.maximum(distance - self._skin, 0.0)
             ways.triangle[rows] = triangle
 
     def _cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What rays meet; those that come from the eye have passed no glass and meet all things."""
-        if self.through is None:
-            return self.caster.cast(origins, directions)
+        """What rays meet; those that come from the eye have passed no glass."""
+        if self.eyes is self._beyond:
+            return self.eyes.cast(origins, directions)
         ahead = np.abs(dot((origins - self.view.eye).T, self.view.forward))
         if self.view.is_parallel:
             first = ahead <= self._skin
         else:
             first = np.all(origins == self.view.eye, axis=1)
         distance, triangle = np.full(len(origins), np.inf), np.full(len(origins), -1, np.intp)
-        for rows, cast in ((first, self.caster.cast), (~first, self._cast_through)):
+        for rows, caster in ((first, self.eyes), (~first, self._beyond)):
             rows = np.flatnonzero(rows)
             if len(rows):
-                distance[rows], triangle[rows] = cast(origins[rows], directions[rows])
+                distance[rows], triangle[rows] = caster.cast(origins[rows], directions[rows])
         return distance, triangle
-
-    def _cast_through(
-        self, origins: np.ndarray, directions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What rays meet of what is seen through the glasses."""
-        if self.through is None:
-            return self.caster.cast(origins, directions)
-        return cast_past(self.caster, self.through, self._skin, origins, directions)
 
     def _entry(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Metres (M,) at which rays come into the box round all glasses; 0 from within."""

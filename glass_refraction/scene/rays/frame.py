@@ -32,7 +32,7 @@ from .exits import (
     spacing,
     sun_light,
 )
-from .follow import Band, Follower, Kept
+from .follow import CONTACT, Band, Follower, Kept
 from .hits import (
     CAPTURE_WORTH,
     KNOWN,
@@ -189,7 +189,14 @@ def compute(
     centre, scale = _place_and_size(bodies, frame.view)
     casters.things.aim(frame.things, centre, scale)
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
-    scene = Scene(casters.things, frame.things, frame.sky, frame.capture_worth, kept.sketches)
+    scene = Scene(
+        casters.things,
+        frame.things,
+        frame.sky,
+        frame.capture_worth,
+        kept.sketches,
+        CONTACT * scale,
+    )
     direct = direct_view(frame.view, frame.region, frame.near)
     follower = _follower(frame, scene, bodies, meshes, kept)
     rays, views = _followed(frame, scene, direct, bodies, follower, scale, room)
@@ -246,6 +253,7 @@ def _follower(
         view,
         _bands(frame.glasses),
         scene.caster,
+        scene.eyes,
         meshes,
         frame.things,
         _boxes(frame.things),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...optics.vectors import dot
-from .caster import Caster
+from .caster import Caster, Past
 from .columns import Columns, joined
 from .sketches import Sketch, Sketches
 from .sky import Sky
@@ -156,6 +156,12 @@ class Scene:
     sky : what those see that meet nothing.
     capture_worth : how much a capture's resolution counts of the direct picture's.
     sketches : what is known of views; of a frame that follows none, new ones.
+    skin : metres by which a ray is put behind a lamp that it passes, at least.
+
+    Attributes
+    ----------
+    caster : of what light meets that leaves a glass: of lamps it passes what is dark for it.
+    eyes : of what cameras show: lamps are hidden from most.
     """
 
     def __init__(
@@ -165,8 +171,9 @@ class Scene:
         sky: Sky,
         capture_worth: float = CAPTURE_WORTH,
         sketches: Sketches | None = None,
+        skin: float = 0.0,
     ) -> None:
-        self.caster, self.things, self.sky = caster, things, sky
+        self.things, self.sky = things, sky
         self.capture_worth = capture_worth
         self._sketches = Sketches() if sketches is None else sketches
         a, b, c = (things.points[things.triangles[:, k]] for k in range(3))
@@ -176,14 +183,39 @@ class Scene:
         looks = things.looks
         self._is_lamp = np.array([look.is_lamp for look in looks], bool)
         self._is_glossy = np.array([look.is_glossy for look in looks], bool)
+        self._is_hole = np.array([look.is_hole for look in looks], bool)
+        self._is_hidden = np.array([look.is_hidden for look in looks], bool)
+        self.caster = Past(caster, self._is_there, skin) if self._is_lamp.any() else caster
+        hides = self._is_hidden.any()
+        self.eyes = Past(self.caster, self._is_shown, skin) if hides else self.caster
+
+    def _is_there(self, triangle: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """(K,) whether rays meet triangles: lamps are there for light of their own only."""
+        surface = self.things.surface[triangle]
+        there = np.ones(len(triangle), bool)
+        for number in np.unique(surface[self._is_lamp[surface]]):
+            here = np.flatnonzero(surface == number)
+            look, normals = self.things.looks[number], self.normals[triangle[here]]
+            there[here] = look.lights(normals, directions[here]) > 0.0
+        return there
+
+    def _is_shown(self, triangle: np.ndarray, _) -> np.ndarray:
+        """(K,) whether cameras show triangles that their rays meet."""
+        return ~self._is_hidden[self.things.surface[triangle]]
 
     def is_known(self, ways: Ways) -> np.ndarray:
         """(K,) whose light is known without a view: lamps, a sky of one colour, and none."""
-        known = ways.is_sky & (self.sky.radiance is not None or self.sky.is_clear(ways))
+        known = ways.is_sky & (self.sky.radiance is not None)
         some = np.flatnonzero(~ways.is_sky)
         known[some] = self._is_lamp[self.things.surface[ways.triangle[some]]]
-        known |= ~ways.colour.any(axis=1)
-        return known
+        return known | self.is_clear(ways) | ~ways.colour.any(axis=1)
+
+    def is_clear(self, ways: Ways) -> np.ndarray:
+        """(K,) which show a hole in the picture: the sky or a holdout, of a transparent film."""
+        hole = ways.is_sky
+        some = np.flatnonzero(~hole)
+        hole[some] = self._is_hole[self.things.surface[ways.triangle[some]]]
+        return hole & self.sky.is_clear(ways)
 
     def hits(self, ways: Ways) -> Hits:
         """The hits of ways."""
@@ -223,7 +255,7 @@ class Scene:
             worth[glossy] *= np.clip(0.5 + 0.5 * along, 0.0, 1.0) ** GLOSSY_POWER + LEAST_MATCH
         if view.sky_only:
             worth[:] = 0.0
-        if view.is_parallel or (self.sky.is_cut_out and not view.sky_only):
+        if view.is_parallel or not (view.sky_only or self.sky.is_in_pictures):
             worth[sky] = 0.0
         else:
             worth[sky] = inside[sky] * view.focal_px
@@ -231,7 +263,7 @@ class Scene:
 
     def sketch(self, view: RadianceView) -> Sketch:
         """What the middles of a view's pixels meet."""
-        return self._sketches.of(view, self.things, self.normals, self.caster)
+        return self._sketches.of(view, self.things, self.normals, self.eyes)
 
     def shows(
         self, view: RadianceView, hits: Hits, some: np.ndarray, pixels: np.ndarray
@@ -257,7 +289,7 @@ class Scene:
             origins, directions = origins.copy(), directions.copy()
             directions[sky] = hits.direction[sky]
             origins[sky] = view.sky_sight(hits.direction[sky])
-        distance, triangle = self.caster.cast(origins, directions)
+        distance, triangle = self.eyes.cast(origins, directions)
         met = (triangle == hits.triangle) | (distance >= lengths * (1.0 - SKIN))
         return np.where(sky, triangle < 0, met)
 
@@ -354,8 +386,8 @@ def place_captures(
     # Captures of less worth are not placed for what they would show more finely.
     fine = spacing * (CAPTURE_WORTH / scene.capture_worth)
     shown = _seen(scene, direct, hits, _quality(scene, direct, hits, fine))
-    # No capture shows a sky that the film leaves out.
-    shown[known | (ways.is_sky & scene.sky.is_cut_out)] = 1.0
+    # Views of the sky alone show one that the film leaves out, or that cameras see otherwise.
+    shown[known | (ways.is_sky & (not scene.sky.is_in_pictures))] = 1.0
     begin = shown
     captures: list[RadianceView] = []
     qualities: list[np.ndarray] = []

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .beams import beam_of
 from .looks import Look
 
 LEAST_SIZE = 1e-6
@@ -32,11 +33,16 @@ class Sun:
     radiance: tuple[float, float, float]
 
 
-def lamp_power(light: bpy.types.Light) -> np.ndarray:
-    """Power, or a sun's irradiance, by colour."""
+def lamp_power(light: bpy.types.Light, engine: str) -> np.ndarray:
+    """Power, or a sun's irradiance, by colour; in Cycles times what a lamp's own nodes emit."""
     colour = np.array(light.color, float)
     if getattr(light, "use_temperature", False):
         colour = colour * np.array(light.temperature_color[:3], float)
+    if engine == "CYCLES" and light.use_nodes and light.node_tree is not None:
+        emission = next((n for n in light.node_tree.nodes if n.type == "EMISSION"), None)
+        if emission is not None:
+            strength = float(emission.inputs["Strength"].default_value)
+            colour = colour * np.array(emission.inputs["Color"].default_value[:3]) * strength
     return colour * float(light.energy) * 2.0 ** float(getattr(light, "exposure", 0.0))
 
 
@@ -49,28 +55,35 @@ def _radiance(colour: np.ndarray) -> tuple[float, float, float]:
     return tuple(float(part) for part in colour)
 
 
-def sun_of(light: bpy.types.Light, to_world: np.ndarray) -> Sun | None:
+def sun_of(light: bpy.types.Light, to_world: np.ndarray, engine: str) -> Sun | None:
     """A sun lamp that is seen as a disc; None for one of no size."""
     half = 0.5 * float(light.angle)
     if half <= 0.0:
         return None
     axis = to_world[:3, 2] / np.linalg.norm(to_world[:3, 2])
-    radiance = lamp_power(light)
+    radiance = lamp_power(light, engine)
     if lamp_is_normalised(light):
         radiance = radiance / (np.pi * np.sin(min(half, 0.5 * np.pi)) ** 2)
     return Sun(tuple(float(part) for part in axis), float(np.cos(half)), _radiance(radiance))
 
 
-def lamp_shape(light: bpy.types.Light, to_world: np.ndarray):
+def lamp_shape(light: bpy.types.Light, to_world: np.ndarray, engine: str):
     """Points (V, 3) in the world, triangles (T, 3) and look of a lamp; None for one of no size."""
-    if light.type == "AREA":
-        return _area(light, to_world)
-    if light.type in {"POINT", "SPOT"}:
-        return _ball(light, to_world)
-    return None
+    shape = {"AREA": _area, "POINT": _ball, "SPOT": _ball}.get(light.type)
+    found = None if shape is None else shape(light, to_world)
+    if found is None:
+        return None
+    points, corners, size, faces = found
+    radiance = lamp_power(light, engine) / np.pi
+    if lamp_is_normalised(light):
+        radiance = radiance / size
+    beam = beam_of(light, to_world, engine)
+    look = Look((0.0, 0.0, 0.0), _radiance(radiance), True, False, faces, beam)
+    return points, corners, look
 
 
 def _area(light: bpy.types.AreaLight, to_world: np.ndarray):
+    """Points, triangles, area (m²) and `Look.faces`."""
     wide = float(light.size)
     high = float(light.size_y) if light.shape in {"RECTANGLE", "ELLIPSE"} else wide
     x, y = to_world[:3, 0] * wide, to_world[:3, 1] * high
@@ -87,12 +100,11 @@ def _area(light: bpy.types.AreaLight, to_world: np.ndarray):
     fan = np.arange(1, len(flat) - 1)
     # Its light leaves along −z: the corners run clockwise as seen from there.
     corners = np.stack((np.zeros_like(fan), fan + 1, fan), axis=1)
-    radiance = lamp_power(light) / (np.pi * (area if lamp_is_normalised(light) else 1.0))
-    look = Look((0.0, 0.0, 0.0), _radiance(radiance), True, False, 1)
-    return points, corners.astype(np.int32), look
+    return points, corners.astype(np.int32), area, 1
 
 
 def _ball(light: bpy.types.PointLight | bpy.types.SpotLight, to_world: np.ndarray):
+    """Points, triangles, area (m²) and `Look.faces`."""
     radius = float(light.shadow_soft_size)
     if radius < LEAST_SIZE:
         return None
@@ -112,7 +124,4 @@ def _ball(light: bpy.types.PointLight | bpy.types.SpotLight, to_world: np.ndarra
         ]
     )
     points = unit.reshape(-1, 3) * radius + to_world[:3, 3]
-    radiance = lamp_power(light) / np.pi
-    if lamp_is_normalised(light):
-        radiance = radiance / (4.0 * np.pi * radius**2)
-    return points, corners.astype(np.int32), Look((0.0, 0.0, 0.0), _radiance(radiance), True)
+    return points, corners.astype(np.int32), 4.0 * np.pi * radius**2, 0

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .beams import Beam
+
 GLOSSY = 0.3
 """Roughness below which what a surface shows depends on where it is seen from."""
 
@@ -20,9 +22,13 @@ class Look:
     ----------
     albedo : part of the light (red, green, blue) that it sends back.
     radiance : light of its own, scene-linear.
-    is_lamp : the radiance is all that it shows, and no view shows it.
+    is_lamp : the radiance is all that it shows, and no view shows it. It is not there for light
+        that it does not meet with its own.
+    is_hidden : from cameras.
+    is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
     faces : 1: it gives light on the side of its normals only; 0: on both.
+    beam : how the radiance depends on the direction that light goes in; None: not at all.
     """
 
     albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
@@ -30,6 +36,21 @@ class Look:
     is_lamp: bool = False
     is_glossy: bool = False
     faces: int = 0
+    beam: Beam | None = None
+    is_hidden: bool = False
+    is_hole: bool = False
+
+    def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """(K,) how bright it is, over its radiance, for ways that meet it.
+
+        Parameters
+        ----------
+        normals : (K, 3) of what they meet of it. directions : (K, 3) unit, away from the eye.
+        """
+        part = np.ones(len(directions))
+        if self.faces:
+            part[np.einsum("nk,nk->n", normals, directions) >= 0.0] = 0.0
+        return part if self.beam is None else part * self.beam.part(-directions)
 
 
 def look_of(material: bpy.types.Material | None) -> Look:
@@ -54,3 +75,22 @@ def look_of(material: bpy.types.Material | None) -> Look:
             glossy = node.type == "BSDF_GLOSSY"
             return Look(colour, is_glossy=glossy)
     return Look(plain)
+
+
+def hole_look(_material: bpy.types.Material | None) -> Look:
+    """The look of a holdout."""
+    return Look((0.0, 0.0, 0.0), is_hole=True)
+
+
+def softbox_look(material: bpy.types.Material | None) -> Look | None:
+    """The look of what is hidden from cameras: that of a lamp if it emits one colour, else None."""
+    end = material.node_tree.get_output_node("ALL") if material and material.node_tree else None
+    links = end.inputs["Surface"].links if end is not None else ()
+    node = links[0].from_node if links and not links[0].is_muted else None
+    if node is None or node.type != "EMISSION" or node.mute:
+        return None
+    if node.inputs["Color"].is_linked or node.inputs["Strength"].is_linked:
+        return None
+    strength = float(node.inputs["Strength"].default_value)
+    radiance = tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])
+    return Look((0.0, 0.0, 0.0), radiance, is_lamp=True, is_hidden=True)

@@ -30,7 +30,9 @@ class Known:
     def __init__(self, things: Things, counts: np.ndarray | None) -> None:
         self.corners = things.points[things.triangles]
         looks = zip(things.owners, things.looks, strict=True)
-        kind = np.array([hash((owner, look.is_lamp)) for owner, look in looks], np.int64)
+        # Where lamps are dark they are not there.
+        kinds = [(owner, look.is_lamp, look.beam, any(look.radiance)) for owner, look in looks]
+        kind = np.array([hash(kind) for kind in kinds], np.int64)
         seen = 1 if counts is None else counts.astype(np.int64)
         code = kind[things.surface].view(np.uint64)
         for part in (np.broadcast_to(seen, len(code)), *_bits(self.corners)):

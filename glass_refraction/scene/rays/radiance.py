@@ -64,9 +64,11 @@ def known_light(things: Things, normals: np.ndarray, sky: Sky, ways: Ways) -> np
     triangle = ways.triangle[some]
     surface = things.surface[triangle]
     radiance = np.array([look.radiance for look in things.looks]).reshape(-1, 3)
-    faces = np.array([look.faces for look in things.looks], int)
-    facing = np.einsum("nk,nk->n", normals[triangle], ways.direction[some]) < 0.0
-    out[some] = radiance[surface] * (facing | (faces[surface] == 0))[:, None]
+    out[some] = radiance[surface]
+    for number in np.unique(surface):
+        here = np.flatnonzero(surface == number)
+        directions = ways.direction[some[here]]
+        out[some[here]] *= things.looks[number].lights(normals[triangle[here]], directions)[:, None]
     return out
 
 
@@ -112,7 +114,7 @@ class Lookups(Columns):
             shown.pixels,
             ways.triangle,
             np.where(ways.is_sky[:, None], ways.direction, ways.point),
-            ways.is_sky & scene.sky.is_clear(ways),
+            scene.is_clear(ways),
             clamp.limited(light, known),
         )
 

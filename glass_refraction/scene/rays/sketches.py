@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .caster import Caster
+from .caster import Caster, Past
 from .moved import Boxes
 from .things import Things
 from .views import RadianceView
@@ -46,7 +46,9 @@ class Sketch:
         pixel to the next at most, on a surface.
     """
 
-    def __init__(self, view: RadianceView, things: Things, normals: np.ndarray, caster: Caster):
+    def __init__(
+        self, view: RadianceView, things: Things, normals: np.ndarray, caster: Caster | Past
+    ):
         self._view = view
         self.origin = np.array(view.region[:2]) - MARGIN_PX
         width, height = np.array(view.region[2:]) + MARGIN_PX - self.origin
@@ -55,7 +57,7 @@ class Sketch:
         self.step = np.zeros((height, width), np.float32)
         self.use(things, normals, caster)
 
-    def use(self, things: Things, normals: np.ndarray, caster: Caster) -> None:
+    def use(self, things: Things, normals: np.ndarray, caster: Caster | Past) -> None:
         """Take the things of a frame, whose triangles have the numbers that are written here."""
         self._things, self._normals, self._caster = things, normals, caster
         surface = np.append(things.surface, (UNKNOWN, -1)).astype(np.int32)
@@ -170,7 +172,9 @@ class Sketches:
             if sketch.triangle.size > MOST_KEPT or not sketch.still(boxes, number, margin):
                 del self.last[stamp]
 
-    def of(self, view: RadianceView, things: Things, normals: np.ndarray, caster: Caster) -> Sketch:
+    def of(
+        self, view: RadianceView, things: Things, normals: np.ndarray, caster: Caster | Past
+    ) -> Sketch:
         """That of a view."""
         stamp = view.stamp
         if stamp not in self.now:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -12,7 +13,7 @@ from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import positions
 from .lamps import lamp_shape
-from .looks import Look, look_of
+from .looks import Look, hole_look, look_of, softbox_look
 
 _CONVERTED_TYPES = {"CURVE", "SURFACE", "FONT", "META"}
 
@@ -68,15 +69,15 @@ class Things(Triangles):
         return np.array((self.points.min(axis=0), self.points.max(axis=0)))
 
 
-def read_things(
-    depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], *, with_lamps: bool = True
-) -> Things:
+def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], engine: str) -> Things:
     """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
+
+    What is hidden from cameras and emits one colour is such a lamp: a softbox.
 
     Parameters
     ----------
     left_out : names of objects that no ray meets here: the glasses.
-    with_lamps : False for an engine that is lit by none of them, Workbench.
+    engine : of the render; Workbench is lit by no lamps.
     """
     builder = _Builder()
     for instance in depsgraph.object_instances:
@@ -88,17 +89,20 @@ def read_things(
         if not instance.show_self:
             continue
         if obj.type == "LIGHT":
-            if with_lamps and obj.visible_glossy:
-                builder.add_lamp(obj, np.array(instance.matrix_world, float))
+            if engine != "BLENDER_WORKBENCH" and obj.visible_glossy:
+                builder.add_lamp(obj, np.array(instance.matrix_world, float), engine)
             continue
+        look = hole_look if owner.holdout_get(view_layer=depsgraph.view_layer) else look_of
         if not (obj.visible_camera and owner.visible_camera):
-            continue
+            if engine == "BLENDER_WORKBENCH" or not (obj.visible_glossy and owner.visible_glossy):
+                continue
+            look = softbox_look
         if obj.type == "MESH":
-            builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float))
+            builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float), look)
         elif obj.type in _CONVERTED_TYPES:
             mesh = obj.to_mesh()
             if mesh is not None:
-                builder.add_mesh(obj, owner, mesh, np.array(instance.matrix_world, float))
+                builder.add_mesh(obj, owner, mesh, np.array(instance.matrix_world, float), look)
                 obj.to_mesh_clear()
     return builder.things()
 
@@ -120,8 +124,9 @@ class _Builder:
         owner: bpy.types.Object,
         mesh: bpy.types.Mesh,
         to_world: np.ndarray,
+        look: Callable[[bpy.types.Material | None], Look | None],
     ) -> None:
-        """The triangles of one evaluated mesh; instances of it share what was read."""
+        """The triangles of one evaluated mesh that have a look; instances share what was read."""
         shared = obj.type == "MESH"
         key = mesh.as_pointer()
         if not (shared and key in self._meshes):
@@ -129,22 +134,26 @@ class _Builder:
         local, corners, slots = self._meshes[key]
         if not len(corners):
             return
-        number = self._look_numbers(obj, owner, mesh, int(slots.max()))
-        self._add(rotated(to_world[:3, :3], local.T).T + to_world[:3, 3], corners, number[slots])
+        surface = self._look_numbers(obj, owner, mesh, int(slots.max()), look)[slots]
+        if (surface < 0).any():
+            corners, surface = corners[surface >= 0], surface[surface >= 0]
+        if len(corners):
+            points = rotated(to_world[:3, :3], local.T).T + to_world[:3, 3]
+            self._add(points, corners, surface)
 
-    def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray) -> None:
+    def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray, engine: str) -> None:
         """A lamp that has a size, as the surface that gives its light."""
-        shape = lamp_shape(obj.data, to_world)
+        shape = lamp_shape(obj.data, to_world, engine)
         if shape is None:
             return
         points, corners, look = shape
-        self.looks.append(look)
+        self.looks.append(replace(look, is_hidden=not obj.visible_camera))
         self.owners.append(obj.original.name)
         number = len(self.looks) - 1
         self._add(points, corners, np.full(len(corners), number, np.int32))
 
-    def _look_numbers(self, obj, owner, mesh, highest: int) -> np.ndarray:
-        """The number of the look of each material slot up to the highest in use."""
+    def _look_numbers(self, obj, owner, mesh, highest: int, look_of) -> np.ndarray:
+        """The number of the look of each material slot up to the highest in use; −1: of none."""
         numbers = []
         for slot in range(highest + 1):
             if slot < len(obj.material_slots):
@@ -153,9 +162,11 @@ class _Builder:
                 material = mesh.materials[slot] if slot < len(mesh.materials) else None
             key = (owner.name, obj.original.name, material.name if material else "")
             if key not in self._numbers:
-                self._numbers[key] = len(self.looks)
-                self.looks.append(look_of(material))
-                self.owners.append(owner.name)
+                look = look_of(material)
+                self._numbers[key] = -1 if look is None else len(self.looks)
+                if look is not None:
+                    self.looks.append(look)
+                    self.owners.append(owner.name)
             numbers.append(self._numbers[key])
         return np.array(numbers, np.int32)
 

@@ -36,11 +36,11 @@ from ..read.viewpoint import (
     samples_setting,
 )
 from ..read.visibility import rendered_layer
-from ..read.world import film_exposure
+from ..read.world import film_exposure, shown_world
 from .caster import Casters, fill_cast_collection
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
-from .frame import FrameInput, FrameResult, Room, compute
+from .frame import NO_CURTAIN, FrameInput, FrameResult, Room, compute
 from .hits import CAPTURE_WORTH, LIT_ELSEWHERE_WORTH
 from .lamps import sun_of
 from .radiance import Clamp
@@ -52,12 +52,19 @@ from .views import RadianceView
 
 CURTAIN = "curtain"
 """Role of what hides the pixels of a view that nobody looks up."""
+PANE = "pane"
+"""Role of what light of a view of the sky has come through, where cameras see another sky."""
+PANE_MESH = (
+    np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]),
+    np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]),
+)
+"""Points (8, 3) and faces (6, 4) of a box round a camera, metres."""
 CAPTURE, SKY, CAST = "capture", "sky", "cast"
 """Roles of own scenes: for captures, for views of the world alone, and to cast rays in."""
 ROOM = Room(captures=3, skies=3)
 """Views that the compositor tree has room for."""
-LEAST_CLIP = 1e-4
-"""Metres: where a view of the world begins to see."""
+LEAST_CLIP = 1e-6
+"""Metres: where a view begins to see at least, as near as Blender lets a camera see."""
 UNCOVERED = 0.5
 """Part of a pixel beside all glasses from which on it counts as not covered."""
 UNREADY = "The render began before the last setting was taken up: render again"
@@ -150,7 +157,7 @@ def remove(scene: bpy.types.Scene) -> None:
 
 
 def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
-    """A camera of its own, and in a capture all that the user's scene shows."""
+    """A camera of its own with what hangs before it, and in a capture all of the user's scene."""
     if view[TAG] == CAPTURE and view.background_set != scene:
         view.background_set = scene
     if view.collection.children:
@@ -158,30 +165,47 @@ def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
     collection = new_collection(view[TAG], view)
     camera = new_object(view[TAG], bpy.data.cameras.new(hidden_name(view[TAG])), collection)
     view.camera = camera
-    mesh = bpy.data.meshes.new(hidden_name(CURTAIN))
-    curtain = new_object(CURTAIN, mesh, collection)
-    mesh.materials.append(_black())
-    for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
-        setattr(curtain, f"visible_{kind}", False)
+    for role in (CURTAIN, PANE) if view[TAG] == SKY else (CURTAIN,):
+        mesh = bpy.data.meshes.new(hidden_name(role))
+        before = new_object(role, mesh, collection)
+        mesh.materials.append(_material(role))
+        for kind in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+            setattr(before, f"visible_{kind}", False)
     # Until a frame's values are written: a new scene's thousands of samples are nobody's.
     view.view_layers[0].use = False
     synchronise(view.view_layers[0])
 
 
-def _black() -> bpy.types.Material:
-    """The curtains' material: it ends a camera's rays and gives no light."""
-    found = (m for m in bpy.data.materials if own(m, CURTAIN) and not m.library)
+def _material(role: str) -> bpy.types.Material:
+    """The material of curtains, which ends a camera's rays and gives no light, or of panes, which
+    lets them through as they come: they are a camera's no more."""
+    found = (m for m in bpy.data.materials if own(m, role) and not m.library)
     material = next(found, None)
     if material is None:
-        material = bpy.data.materials.new(hidden_name(CURTAIN))
-        material[TAG] = CURTAIN
+        material = bpy.data.materials.new(hidden_name(role))
+        material[TAG] = role
         tree = material.node_tree
         tree.nodes.clear()
-        shader = tree.nodes.new("ShaderNodeEmission")
-        shader.inputs["Strength"].default_value = 0.0
+        shader = tree.nodes.new(
+            "ShaderNodeEmission" if role == CURTAIN else "ShaderNodeBsdfRefraction"
+        )
+        for name, value in _SHADERS[role].items():
+            shader.inputs[name].default_value = value
         end = tree.nodes.new("ShaderNodeOutputMaterial")
-        tree.links.new(shader.outputs["Emission"], end.inputs["Surface"])
+        tree.links.new(shader.outputs[0], end.inputs["Surface"])
     return material
+
+
+_SHADERS = {
+    CURTAIN: {"Strength": 0.0},
+    PANE: {"Color": (1.0, 1.0, 1.0, 1.0), "Roughness": 0.0, "IOR": 1.0},
+}
+"""Inputs of these materials' shaders."""
+
+
+_OF_LAYERS = ("material_override", "world_override", "use_sky", "use_ao", "use_solid")
+_OF_LAYERS += ("use_strand", "use_volumes", "use_motion_blur")
+"""What captures show as the user's view layer does."""
 
 
 def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
@@ -202,9 +226,12 @@ def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
         if own(capture, SKY):
             # What the film leaves out mirrors may show.
             kept["render"]["film_transparent"] = False
+            # Of the pane.
+            kept["cycles"] |= {"max_bounces": 1, "transmission_bounces": 1}
         match_settings(scene, capture, kept)
         layer = capture.view_layers[0]
-        for name in ("material_override", "world_override"):
+        # A pane has its own material.
+        for name in ("world_override",) if own(capture, SKY) else _OF_LAYERS:
             if hasattr(layer, name):
                 write_setting(layer, name, getattr(user_layer, name))
 
@@ -229,7 +256,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     result = compute(read, _casters(scene), ROOM, _kept(scene), _kept_light(scene))
     # From here on all is written: a picture of two frames' halves would be none.
     check()
-    _write(scene, views, result)
+    _write(scene, views, result, read.sky.is_of_cameras)
     problems += _lit_from_elsewhere(scene, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
@@ -319,7 +346,7 @@ def _kept_light(scene: bpy.types.Scene) -> KeptLight:
 def _read(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint, problems: list[str]
 ) -> FrameInput:
-    settings = scene.refractive_glass
+    settings, user = scene.refractive_glass, depsgraph.scene_eval
     glasses = tuple(read_glasses(depsgraph, problems))
     left_out = frozenset(
         obj.name
@@ -330,7 +357,7 @@ def _read(
     for instance in depsgraph.object_instances:
         obj = instance.object
         if obj.type == "LIGHT" and obj.data.type == "SUN" and obj.visible_glossy:
-            sun = sun_of(obj.data, np.array(instance.matrix_world, float))
+            sun = sun_of(obj.data, np.array(instance.matrix_world, float), scene.render.engine)
             if sun is not None:
                 suns.append(sun)
     width, height = render_size(scene)
@@ -339,8 +366,8 @@ def _read(
     samples, name = samples_setting(scene)
     return FrameInput(
         glasses=glasses,
-        things=read_things(depsgraph, left_out, with_lamps=render.engine != "BLENDER_WORKBENCH"),
-        sky=sky_of(depsgraph.scene_eval, tuple(suns), _world_override(depsgraph.view_layer)),
+        things=read_things(depsgraph, left_out, render.engine),
+        sky=sky_of(user, tuple(suns), shown_world(user, depsgraph.view_layer)),
         view=view,
         near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),
         region=region,
@@ -400,11 +427,6 @@ def _seen_through(scene: bpy.types.Scene, problems: list[str]) -> frozenset[str]
     return next(iter(chosen), None)
 
 
-def _world_override(view_layer: bpy.types.ViewLayer) -> bpy.types.World | None:
-    """The world of the view layer's own, which Blender knows of from 5.0 on."""
-    return getattr(view_layer, "world_override", None)
-
-
 def _filter_size(scene: bpy.types.Scene) -> float:
     if scene.render.engine == "CYCLES":
         return float(scene.cycles.filter_width)
@@ -413,7 +435,13 @@ def _filter_size(scene: bpy.types.Scene) -> float:
     return float(scene.render.filter_size)
 
 
-def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameResult) -> None:
+def _write(
+    scene: bpy.types.Scene,
+    views: list[bpy.types.Scene],
+    result: FrameResult,
+    through_panes: bool,
+) -> None:
+    """Write a frame's pictures and views; those of the sky are seen through panes, or not."""
     pictures = Pictures(scene)
     for number in range(len(result.views)):
         pictures.write_view(number, result.views.pop(0), result.weights.pop(0))
@@ -438,19 +466,19 @@ def _write(scene: bpy.types.Scene, views: list[bpy.types.Scene], result: FrameRe
         if camera is not None:
             _aim_camera(view.camera, camera, far)
             write_setting(*samples_setting(view), samples)
-            _hang(view, curtain)
+            # In Cycles it saves the pixels' samples. In EEVEE it would stand in the way of what is
+            # traced on the screen.
+            _hang(view, CURTAIN, curtain if view.render.engine == "CYCLES" else NO_CURTAIN)
+            if own(view, SKY):
+                _hang(view, PANE, PANE_MESH if through_panes else NO_CURTAIN)
 
 
-def _hang(view: bpy.types.Scene, curtain: tuple[np.ndarray, np.ndarray]) -> None:
-    """Hang a curtain of points (V, 3) and quads (F, 4) before a view's camera.
-
-    In Cycles only: there it saves the pixels' samples. In EEVEE it would stand in the way of what
-    is traced on the screen.
-    """
-    obj = next(o for o in view.collection.all_objects if own(o, CURTAIN))
+def _hang(view: bpy.types.Scene, role: str, mesh: tuple[np.ndarray, np.ndarray]) -> None:
+    """Hang points (V, 3) and quads (F, 4), in camera space, before a view's camera."""
+    obj = next(o for o in view.collection.all_objects if own(o, role))
     obj.data.clear_geometry()
-    if view.render.engine == "CYCLES" and len(curtain[1]):
-        write_polygons(obj.data, *curtain)
+    if len(mesh[1]):
+        write_polygons(obj.data, *mesh)
         obj.matrix_world = view.camera.matrix_world
     obj.data.update()
 

@@ -15,7 +15,7 @@ from ... import optics
 from ...optics.axial import AxialGlass
 from ..names import RefractiveGlassError, own
 from .animation import may_change
-from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass
+from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass, volume_absorption
 from .modifier_inputs import data_path, has_input, read_input
 from .visibility import layer_objects, rendered_objects
 
@@ -166,6 +166,19 @@ def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
         if modifier.type == "NODES" and own(modifier.node_group, "glass"):
             return modifier
     return None
+
+
+def put_last(obj: bpy.types.Object) -> None:
+    """Have a glass's modifier stand behind all others: what they make of the mesh is the glass.
+
+    Blender puts new modifiers at the end, and those of *Shade Auto Smooth* even behind that: it
+    pins them there.
+    """
+    modifier, last = glass_modifier(obj), len(obj.modifiers) - 1
+    if not modifier.use_pin_to_last:
+        modifier.use_pin_to_last = True
+    if obj.modifiers[last] != modifier:
+        obj.modifiers.move(obj.modifiers.find(modifier.name), last)
 
 
 def glass_objects(view_layer: bpy.types.ViewLayer, *, ever: bool = False) -> list[bpy.types.Object]:
@@ -479,7 +492,9 @@ def _mesh_of(
         description = shape(interface_of(evaluated, depsgraph, ior))
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
-        absorption = _absorption(modifier, description, scale)
+        clear, inside = _absorption(modifier, description, scale)
+        inside = np.array(inside) + volume_absorption(evaluated, depsgraph)
+        absorption = (clear, tuple(map(float, inside)))
         abbe = (float(read_input(modifier, "Abbe Number")), 0.0)
         glass = Glass(name, description, np.eye(4), absorption, abbe, priority=_priority(modifier))
         glass.bands()

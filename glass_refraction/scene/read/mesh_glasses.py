@@ -170,6 +170,23 @@ def interface_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, ior: flo
     return found or Interface(ior)
 
 
+def volume_absorption(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """(3,) absorption coefficients, per metre, of the volume of an object's first glassy material.
+
+    They are those of a Volume Absorption node that leads to the material's output, as Cycles has
+    them; of all other volumes 0. Inputs with links count as they would without.
+    """
+    material = next(iter(glassy_materials(obj)), None)
+    if material is None:
+        return np.zeros(3)
+    end = material.evaluated_get(depsgraph).node_tree.get_output_node("ALL")
+    links = end.inputs["Volume"].links if end is not None else ()
+    node = links[0].from_node if links and not links[0].is_muted else None
+    if node is None or node.type != "VOLUME_ABSORPTION" or node.mute:
+        return np.zeros(3)
+    return max(_value(node, "Density"), 0.0) * (1.0 - _colour(node, "Color"))
+
+
 def glassy_materials(obj: bpy.types.Object) -> list[bpy.types.Material]:
     """The materials of an object that say what a glass is: the first counts for all of it.
 

@@ -9,6 +9,14 @@ Radiance = tuple[float, float, float]
 BLACK: Radiance = (0.0, 0.0, 0.0)
 
 
+def shown_world(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bpy.types.World | None:
+    """The world that a view layer shows: in Cycles it may leave it out."""
+    if scene.render.engine == "CYCLES" and not layer.use_sky:
+        return None
+    # Blender knows of a layer's own world from 5.0 on.
+    return getattr(layer, "world_override", None) or scene.world
+
+
 def uniform_radiance(world: bpy.types.World | None, engine: str) -> Radiance | None:
     """The radiance (linear red, green, blue) of a world of one colour, None of any other.
 
@@ -31,6 +39,35 @@ def uniform_radiance(world: bpy.types.World | None, engine: str) -> Radiance | N
         return None
     strength = float(node.inputs["Strength"].default_value)
     return tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])
+
+
+def is_of_cameras(world: bpy.types.World | None, engine: str) -> bool:
+    """Whether a world looks to a camera as it does not to light that has come through glass.
+
+    Many a background is for cameras alone, by *Light Path* or *Ray Visibility*, and another world
+    gives the light.
+    """
+    if world is None or engine == "BLENDER_WORKBENCH":
+        return False
+    if engine == "CYCLES" and not world.cycles_visibility.camera:
+        return True
+    return world.node_tree is not None and _asks_for_rays(world.node_tree)
+
+
+_ALIKE = ("Is Shadow Ray", "Is Diffuse Ray", "Is Volume Scatter Ray")
+"""Outputs of a Light Path node that neither a camera's ray nor one through glass sets."""
+
+
+def _asks_for_rays(tree: bpy.types.NodeTree) -> bool:
+    """Whether a tree, or a group in it, takes anything from a Light Path node."""
+    for node in tree.nodes:
+        if node.type == "LIGHT_PATH" and any(
+            output.is_linked and output.name not in _ALIKE for output in node.outputs
+        ):
+            return True
+        if node.type == "GROUP" and node.node_tree is not None and _asks_for_rays(node.node_tree):
+            return True
+    return False
 
 
 def film_exposure(scene: bpy.types.Scene) -> float:

@@ -66,9 +66,9 @@ def test_the_picture_is_the_same_with_and_without_it(tmp_path, monkeypatch):
     with_it = scenes.picture(scene, tmp_path, "with")
     hung = []
 
-    def none(view, _):
+    def none(view, role, _):
         hung.append(view)
-        hang(view, NO_CURTAIN)
+        hang(view, role, NO_CURTAIN)
 
     hang = true._hang
     monkeypatch.setattr(true, "_hang", none)

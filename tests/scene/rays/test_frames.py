@@ -559,6 +559,8 @@ def _hide_render(obj, scene):
 
 def _hide_from_cameras(obj, scene):
     obj.visible_camera = False
+    # What emits is a softbox.
+    obj.data.materials.clear()
 
 
 def _exclude_collection(obj, scene):
@@ -626,13 +628,16 @@ def test_a_holdout_is_a_hole_in_the_glass_too(tmp_path):
     scene.render.film_transparent = True
     bpy.ops.mesh.primitive_cube_add(size=0.05, location=(0, 0.1, 0.06))
     bpy.context.object.is_holdout = True
-    scenes.glass(shape="CYLINDER", radius=0.06)
+    scenes.glass(shape="CYLINDER", radius=0.06, contents_ior=1.333)
     found = scenes.picture(scene, tmp_path)
+    inner = _inner(_covered(scene))
     plain = _plain(scene, tmp_path)
     hole = plain[22:26, 30:34, 3].mean()
     assert hole == pytest.approx(0.0, abs=1e-3)
     # The glass's own reflections are all that is left there.
     assert found[22:26, 30:34, 3].mean() < 0.35
+    wanted = _reference(scene)
+    assert np.abs(found - wanted)[inner][:, 3].mean() < 0.03
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -853,3 +858,134 @@ def test_a_picture_cropped_through_the_glass_is_that_part_of_the_whole(tmp_path)
     assert np.median(off) < 1e-3
     # Next to the border views have other captures.
     assert off.mean() < 0.02
+
+
+def _beside_a_lamp(scene, place, turn, **values):
+    """An area lamp at a place, turned from −z about x, with a white world and a striped wall."""
+    light = bpy.data.lights.new("Lamp", "AREA")
+    light.energy, light.size = 0.02, 0.06
+    for name, value in values.items():
+        setattr(light, name, value)
+    lamp = bpy.data.objects.new("Lamp", light)
+    scene.collection.objects.link(lamp)
+    lamp.location, lamp.rotation_euler.x = place, turn
+    _world((0.5, 0.5, 0.5))
+    _wall(0.3)
+
+
+@pytest.mark.parametrize(
+    ("place", "turn", "values"),
+    [
+        ((0.0, 0.12, 0.06), np.pi / 2, {}),
+        ((0.0, 0.12, 0.06), -np.pi / 4, {"spread": 0.5}),
+        ((0.0, -0.2, 0.06), np.pi / 2, {}),
+    ],
+    ids=("behind, from its back", "beside its beam", "before"),
+)
+def test_lamps_are_not_there_where_they_are_dark_and_for_cameras(tmp_path, place, turn, values):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=32)
+    _beside_a_lamp(scene, place, turn, **values)
+    scenes.glass(shape="CYLINDER")
+    _against_cycles(scene, tmp_path, 28.0)
+
+
+@pytest.mark.parametrize("engine", ENGINES[:2])
+def test_a_world_that_is_for_cameras_alone_is_not_seen_in_the_glass(tmp_path, engine):
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene(engine=engine, surface="REFRACTION")
+    tree = _world((0.1, 0.2, 0.9)).node_tree
+    plain = next(n for n in tree.nodes if n.type == "BACKGROUND")
+    end = next(n for n in tree.nodes if n.type == "OUTPUT_WORLD")
+    of_cameras, mix, path = (
+        tree.nodes.new(f"ShaderNode{kind}") for kind in ("Background", "MixShader", "LightPath")
+    )
+    of_cameras.inputs["Color"].default_value = (0.9, 0.1, 0.1, 1.0)
+    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
+    tree.links.new(plain.outputs[0], mix.inputs[1])
+    tree.links.new(of_cameras.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], end.inputs["Surface"])
+    scene.view_layers[0].material_override = scenes.emissive("override", (0.0, 1.0, 0.0))
+    scenes.glass(shape="SPHERE", wall_thickness=0.0).location.z = 0.05
+    found = scenes.picture(scene, tmp_path)
+    inner = _inner(_covered(scene))
+    np.testing.assert_allclose(found[inner][:, :3].mean(axis=0), (0.1, 0.2, 0.9), rtol=0.02)
+    assert found[inner][:, 0].max() < 0.15
+    np.testing.assert_allclose(found[0, 0, :3], (0.9, 0.1, 0.1), rtol=0.01)
+
+
+def test_a_world_that_cameras_do_not_see_is_seen_in_the_glass(tmp_path):
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene(samples=16)
+    _colourful_world().cycles_visibility.camera = False
+    scenes.glass(shape="SPHERE", wall_thickness=0.0).location.z = 0.05
+    _against_cycles(scene, tmp_path, 30.0)
+
+
+def _inner(covered):
+    """Pixels all of whose neighbours are covered too."""
+    around = [np.roll(covered, (x, y), (0, 1)) for x in (-1, 0, 1) for y in (-1, 0, 1)]
+    return np.logical_and.reduce(around)
+
+
+def test_between_two_frames_all_is_seen_where_it_is_then(tmp_path):
+    """A script may render at a part of a frame; captures show the same moment."""
+    scenes.cup()
+    scene = _scene()
+    thing = scenes.rod((0.05, 0.0, 0.075))
+    wanted = scenes.picture(scene, tmp_path, "still")
+    for frame, x in ((1, 0.0), (2, 0.1)):
+        thing.location.x = x
+        thing.keyframe_insert("location", frame=frame)
+    for curve in thing.animation_data.action.layers[0].strips[0].channelbags[0].fcurves:
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+    scene.frame_set(1, subframe=0.5)
+    np.testing.assert_array_equal(scenes.picture(scene, tmp_path), wanted)
+
+
+def test_a_softbox_that_cameras_do_not_see_is_mirrored(tmp_path):
+    """Beside it a matte face of the same mesh is not seen at all."""
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall(stripes=6)
+    scene = _scene(samples=16)
+    _world((0.1, 0.1, 0.1))
+    bpy.ops.mesh.primitive_grid_add(
+        x_subdivisions=2, y_subdivisions=1, size=0.3, location=(0.0, -0.5, 0.06)
+    )
+    softbox = bpy.context.object
+    softbox.rotation_euler.x = -np.pi / 2
+    softbox.visible_camera = False
+    softbox.data.materials.append(scenes.emissive("softbox", (5.0, 4.0, 3.0)))
+    softbox.data.materials.append(bpy.data.materials.new("matte"))
+    softbox.data.polygons[1].material_index = 1
+    scenes.glass(shape="CYLINDER")
+    found, _ = _against_cycles(scene, tmp_path, 25.0)
+    softbox.visible_glossy = False
+    without = scenes.picture(scene, tmp_path, "without")
+    assert (found - without).max() > 0.1
+
+
+def test_a_world_that_the_view_layer_leaves_out_is_not_in_the_glass(tmp_path):
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene()
+    _world((0.4, 0.5, 0.6))
+    scene.view_layers[0].use_sky = False
+    scenes.glass(shape="SPHERE", wall_thickness=0.0).location.z = 0.05
+    assert np.abs(scenes.picture(scene, tmp_path)[..., :3]).max() < 1e-4
+
+
+def test_a_scene_of_a_tenth_of_a_millimetre_looks_as_it_does_large(tmp_path):
+    """Also what captures show: a thing that the glass magnifies."""
+    scenes.cup(scenes.HIGH)
+    scene = _scene(samples=8)
+    bpy.ops.mesh.primitive_cube_add(size=0.05, location=(0.0, 0.09, 0.03))
+    _red(bpy.context.object)
+    scene.camera.data.clip_start = 1e-5
+    large = scenes.picture(scene, tmp_path, "large")
+    for obj in scene.objects:
+        obj.location *= 1e-3
+        if obj.type != "CAMERA":
+            obj.scale *= 1e-3
+    small = scenes.picture(scene, tmp_path, "small")
+    assert np.abs(small - large)[_covered(scene)].mean() < 0.01

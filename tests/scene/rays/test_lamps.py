@@ -36,7 +36,7 @@ AREAS = (
 @pytest.mark.parametrize(("settings", "area"), AREAS, ids=lambda v: str(v))
 def test_an_area_lamp_gives_its_power_on_one_side(settings, area):
     light = _lamp("AREA", **settings)
-    points, triangles, look = lamp_shape(light, POSE)
+    points, triangles, look = lamp_shape(light, POSE, "CYCLES")
     vectors = _areas(points, triangles)
     assert np.linalg.norm(vectors, axis=1).sum() == pytest.approx(area, rel=4e-3)
     # A Lambertian face sends its radiance times area times pi.
@@ -52,7 +52,7 @@ def test_an_area_lamp_gives_its_power_on_one_side(settings, area):
 @pytest.mark.parametrize("kind", ["POINT", "SPOT"])
 def test_a_ball_of_light_gives_its_power(kind):
     light = _lamp(kind, shadow_soft_size=0.1)
-    points, triangles, look = lamp_shape(light, POSE)
+    points, triangles, look = lamp_shape(light, POSE, "CYCLES")
     np.testing.assert_allclose(np.linalg.norm(points - POSE[:3, 3], axis=1), 0.1)
     area = np.linalg.norm(_areas(points, triangles), axis=1).sum()
     assert area == pytest.approx(4.0 * np.pi * 0.01, rel=0.03)
@@ -66,7 +66,7 @@ def test_a_ball_of_light_gives_its_power(kind):
 
 def test_a_sun_disc_gives_its_irradiance():
     light = _lamp("SUN", angle=0.3)
-    sun = sun_of(light, POSE)
+    sun = sun_of(light, POSE, "CYCLES")
     np.testing.assert_allclose(sun.towards, POSE[:3, 2], atol=1e-12)
     assert sun.cosine == pytest.approx(np.cos(0.15))
     irradiance = np.array(sun.radiance) * np.pi * np.sin(0.15) ** 2
@@ -74,12 +74,12 @@ def test_a_sun_disc_gives_its_irradiance():
 
 
 def test_lamps_of_no_size_have_no_image():
-    assert sun_of(_lamp("SUN", angle=0.0), POSE) is None
-    assert lamp_shape(_lamp("POINT", shadow_soft_size=0.0), POSE) is None
-    assert lamp_shape(_lamp("AREA", size=0.0), POSE) is None
+    assert sun_of(_lamp("SUN", angle=0.0), POSE, "CYCLES") is None
+    assert lamp_shape(_lamp("POINT", shadow_soft_size=0.0), POSE, "CYCLES") is None
+    assert lamp_shape(_lamp("AREA", size=0.0), POSE, "CYCLES") is None
     flat = POSE @ np.diag((1.0, 0.0, 1.0, 1.0))
-    assert lamp_shape(_lamp("AREA", size=1.0), flat) is None
-    assert lamp_shape(_lamp("SUN", angle=0.1), POSE) is None
+    assert lamp_shape(_lamp("AREA", size=1.0), flat, "CYCLES") is None
+    assert lamp_shape(_lamp("SUN", angle=0.1), POSE, "CYCLES") is None
 
 
 SHAPES = (
@@ -103,12 +103,72 @@ def test_cycles_shows_the_lamp_as_bright(tmp_path, kind, settings, scale):
     """In a mirror, where Cycles shows lamps: none is seen by a camera."""
     if not set(settings) <= set(_lamp(kind).bl_rna.properties.keys()):
         pytest.skip("this Blender has no such setting")
+    light = _lamp(kind, **settings)
+    matrix, found = _mirrored(tmp_path, light, scale)
+    if kind == "SUN":
+        radiance = sun_of(light, matrix, "CYCLES").radiance
+    else:
+        radiance = lamp_shape(light, matrix, "CYCLES")[2].radiance
+    np.testing.assert_allclose(found, radiance, rtol=2e-3)
+
+
+BEAMS = (
+    ("AREA", {"spread": 1.0}, 0.0),
+    ("AREA", {"spread": 1.0}, 0.3),
+    ("AREA", {"spread": 1.0}, 0.6),
+    ("AREA", {"spread": 3.0}, 0.5),
+    ("AREA", {}, 1.2),
+    ("SPOT", {"spot_size": 1.0, "spot_blend": 0.5}, 0.1),
+    ("SPOT", {"spot_size": 1.0, "spot_blend": 0.5}, 0.4),
+    ("SPOT", {"spot_size": 1.0, "spot_blend": 0.5}, 0.6),
+)
+"""Kind, settings and radians by which the lamp looks past the mirror."""
+
+
+@pytest.mark.parametrize(("kind", "settings", "turn"), BEAMS, ids=str)
+def test_cycles_shows_the_lamp_as_bright_beside_its_axis(tmp_path, kind, settings, turn):
+    size = {"size": 1.0} if kind == "AREA" else {"shadow_soft_size": 0.5}
+    light = _lamp(kind, **size, **settings)
+    matrix, found = _mirrored(tmp_path, light, turn=turn)
+    look = lamp_shape(light, matrix, "CYCLES")[2]
+    # Through the middle of a pixel beside the picture's own.
+    slope = 0.5 * 36.0 / 200.0 / 8.0
+    direction = np.array([(-slope, -slope, -1.0)])
+    direction /= np.linalg.norm(direction)
+    part = 1.0 if look.beam is None else look.beam.part(direction)
+    np.testing.assert_allclose(found, part * np.array(look.radiance), rtol=5e-3, atol=1e-6)
+
+
+def test_only_cycles_knows_spread_and_lamps_nodes():
+    light = _lamp("AREA", size=1.0, spread=1.0)
+    plain = lamp_shape(light, POSE, "CYCLES")[2].radiance
+    _emission(light, (0.5, 0.2, 0.1), 3.0)
+    look = lamp_shape(light, POSE, "BLENDER_EEVEE")[2]
+    assert look.beam is None
+    np.testing.assert_allclose(look.radiance, plain)
+
+
+def test_cycles_shows_what_a_lamps_nodes_emit(tmp_path):
+    light = _lamp("AREA", size=1.0)
+    _emission(light, (0.5, 0.2, 0.1), 3.0)
+    matrix, found = _mirrored(tmp_path, light)
+    np.testing.assert_allclose(found, lamp_shape(light, matrix, "CYCLES")[2].radiance, rtol=2e-3)
+
+
+def _emission(light, colour, strength):
+    light.use_nodes = True
+    emission = next(node for node in light.node_tree.nodes if node.type == "EMISSION")
+    emission.inputs["Color"].default_value = (*colour, 1.0)
+    emission.inputs["Strength"].default_value = strength
+
+
+def _mirrored(tmp_path, light, scale=(1.0, 1.0, 1.0), turn=0.0):
+    """A lamp's pose, and its colour in Cycles in a mirror that it shines on from above."""
     scene = scenes.settings(8, 8, samples=1)
     scenes.camera(location=(0.0, 0.0, 2.0), tilt=0.0, lens=200.0)
-    light = _lamp(kind, **settings)
     lamp = bpy.data.objects.new("Lamp", light)
     scene.collection.objects.link(lamp)
-    lamp.location, lamp.scale = (0.0, 0.0, 4.0), scale
+    lamp.location, lamp.scale, lamp.rotation_euler.y = (0.0, 0.0, 4.0), scale, turn
     bpy.ops.mesh.primitive_plane_add(size=2.0)
     material = bpy.data.materials.new("Mirror")
     bsdf = material.node_tree.nodes["Principled BSDF"]
@@ -116,10 +176,4 @@ def test_cycles_shows_the_lamp_as_bright(tmp_path, kind, settings, scale):
     bsdf.inputs["Base Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     bpy.context.object.data.materials.append(material)
     bpy.context.view_layer.update()
-    matrix = np.array(lamp.matrix_world, float)
-    if kind == "SUN":
-        radiance = sun_of(light, matrix).radiance
-    else:
-        radiance = lamp_shape(light, matrix)[2].radiance
-    found = scenes.picture(scene, tmp_path)[4, 4, :3]
-    np.testing.assert_allclose(found, radiance, rtol=2e-3)
+    return np.array(lamp.matrix_world, float), scenes.picture(scene, tmp_path)[4, 4, :3]

@@ -92,9 +92,12 @@ def test_what_a_transparent_film_leaves_out(engine):
     scene.render.engine = engine
     scene.world, _ = _world()
     ways = _ways(np.zeros((2, 3)), [-1, -1], path=(2, 3))
-    assert not sky_of(scene, ()).is_clear(ways).any()
+    assert not sky_of(scene, (), scene.world).is_clear(ways).any()
     scene.render.film_transparent = True
-    assert sky_of(scene, ()).is_clear(ways).tolist() == [True, engine == "BLENDER_WORKBENCH"]
+    assert sky_of(scene, (), scene.world).is_clear(ways).tolist() == [
+        True,
+        engine == "BLENDER_WORKBENCH",
+    ]
 
 
 def _ways(points, triangle, path=None):
