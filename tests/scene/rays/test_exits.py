@@ -146,7 +146,7 @@ def _ends(coarse, pixel, way=1.0):
     """Endings of so much light in some pixels, and of all ways."""
     found = np.zeros(SIZE[0] * SIZE[1])
     found[list(pixel)] = list(pixel.values())
-    return Endings(found, np.full(len(coarse.ways), way))
+    return Endings(found, np.full(len(coarse.ways), way), np.zeros(len(coarse.ways)))
 
 
 @pytest.mark.parametrize("count", [count for count, _ in FINER])
@@ -221,7 +221,8 @@ def test_ways_that_do_not_end_stay_with_the_pixels_centre_and_all_light_comes():
     middle = 7
     rough = np.zeros(15)
     rough[middle] = 0.3
-    ends = Endings(rough, np.where(coarse.ways.path == 1, 0.0, 0.3))
+    way = np.where(coarse.ways.path == 1, 0.0, 0.3)
+    ends = Endings(rough, way, np.zeros_like(way))
     _, centre, finer = _finer(coarse, ends, 0.4, follower)
     assert set(finer.ways.path) == {2} and set(finer.pixel) == {middle}
     there = centre.pixel[centre.ways.ray] == middle
