@@ -139,16 +139,17 @@ class FinerRays:
     def __init__(
         self, coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
     ) -> None:
-        self._sigma, self._follower, self._ends = sigma, follower, ends.pixel
+        self._sigma, self._follower = sigma, follower
         self.pixel, self._dark = coarse.pixel, coarse.dark
         self._tiers = FINER_OF_MESHES if follower.only_meshes else FINER
         if follower.rough or not follower.fresnel:
             self._tiers = FINER_IF_BLACK
-        self._rough = ends.pixel > self._tiers[0][1]
-        most = ends.pixel.copy()
-        np.maximum.at(most, coarse.pixel[coarse.ways.ray], ends.stretched)
-        self._ends = np.where(self._rough, most, 0.0)
         pixel = coarse.pixel[coarse.ways.ray]
+        most = ends.pixel.copy()
+        np.maximum.at(most, pixel, ends.stretched)
+        self._rough = ends.pixel > self._tiers[0][1]
+        # What ends beside stretched ways takes as many rays as these take places.
+        self._ends = np.where(self._rough, most, 0.0)
         settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
         # The facets of rough glass differ from ray to ray: the centre's is one among all.
         settled |= follower.rough
@@ -156,19 +157,20 @@ class FinerRays:
         within = stay[self._rough[pixel[stay]] & (not follower.rough)]
         self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
         count = np.ones(len(stay), np.int32)
+        spread = np.flatnonzero(ends.stretched[stay] > STEADY)
         for many, least in self._tiers:
-            count[(most[pixel[stay]] > least) & (ends.stretched[stay] > STEADY)] = many
+            count[spread[most[pixel[stay[spread]]] > least]] = many
         self.kept, self.share = np.repeat(stay, count), np.repeat(1.0 / count, count)
         self.offset = self._offsets(count)
         self._known = pixel[self.kept].astype(np.int32)
         if follower.rough:
-            rays = np.ones(len(ends.pixel))
+            rays = np.ones(len(most))
             for many, least in self._tiers:
-                rays[ends.pixel > least] = many + 1
+                rays[self._ends > least] = many + 1
             self.share /= rays[self._known]
         # Of no ways at all NumPy counts in whole numbers.
         light = self.share * coarse.ways.weight[self.kept]
-        self._brought = np.bincount(self._known, light, len(ends.pixel)).astype(float)
+        self._brought = np.bincount(self._known, light, len(most)).astype(float)
         self._wanted = self._brought.copy()
 
     def _offsets(self, count: np.ndarray) -> np.ndarray:
@@ -386,22 +388,23 @@ def between(
 
     Parameters
     ----------
-    values : (K, 2) of all ways. rows : (n,) numbers of some. offset : (n, 2) pixels from their
-        pixels' centres.
+    values : (K, 2) of all ways. rows : (n,) numbers of some, equal ones side by side.
+    offset : (n, 2) pixels from their pixels' centres.
     """
-    found = values[rows]
+    found = values.take(rows, axis=0)
+    moved = np.flatnonzero((offset[:, 0] != 0.0) | (offset[:, 1] != 0.0))
+    begins = np.diff(rows[moved], prepend=-1) != 0
+    way, run = rows[moved[begins]], np.cumsum(begins) - 1
+    here = values.take(way, axis=0)
     for axis in range(2):
-        some = np.flatnonzero(offset[:, axis])
-        way, t = rows[some], offset[some, axis, None]
-        ahead, behind = (
-            np.where(partner[way] < 0, way, partner[way])
-            for partner in (beside.ahead[axis], beside.behind[axis])
-        )
-        # Where there is but one neighbour, at the picture's border, the line through both.
-        both = ((ahead != way) & (behind != way))[:, None]
-        up, down = values[ahead] - values[way], values[way] - values[behind]
-        found[some] += t * np.where(both, 0.5 * (up + down), up + down)
-        found[some] += t**2 * np.where(both, 0.5 * (up - down), 0.0)
+        ahead, behind = (part[axis][way] for part in (beside.ahead, beside.behind))
+        up = values.take(np.where(ahead < 0, way, ahead), axis=0) - here
+        down = here - values.take(np.where(behind < 0, way, behind), axis=0)
+        # At the picture's border there is but one neighbour, and a line through both.
+        both = ((ahead >= 0) & (behind >= 0))[:, None]
+        slope, bend = np.where(both, 0.5, 1.0) * (up + down), np.where(both, 0.5, 0.0) * (up - down)
+        t = offset[moved, axis, None]
+        found[moved] += t * (slope.take(run, axis=0) + t * bend.take(run, axis=0))
     return found
 
 
