@@ -295,21 +295,20 @@ def neighbours(rays: PictureRays, size: tuple[int, int]) -> Neighbours:
     code = pixel.astype(np.int64) * len(paths) + path
     order = np.argsort(code, kind="stable")
     sorted_code = code[order]
-    found: list[list[np.ndarray]] = []
-    inner = []
+    ahead, behind, inner = [], [], []
     for axis, step in enumerate((1, width)):
         place = pixel % width if axis == 0 else pixel // width
-        possible = place < (width, height)[axis] - 1, place > 0
-        inner.append(possible)
-        both = []
-        for sign, there in zip((1, -1), possible, strict=True):
-            wanted = code + sign * step * len(paths)
-            at = np.minimum(np.searchsorted(sorted_code, wanted), max(len(code) - 1, 0))
-            same = there & (sorted_code[at] == wanted) if len(code) else there
-            both.append(np.where(same, order[at] if len(code) else 0, -1))
-        found.append(both)
-    (ahead_x, behind_x), (ahead_y, behind_y) = found
-    return Neighbours(pixel, (ahead_x, ahead_y), (behind_x, behind_y), tuple(inner))
+        inner.append((place < (width, height)[axis] - 1, place > 0))
+        at = np.searchsorted(sorted_code, sorted_code + step * len(paths))
+        at = np.minimum(at, max(len(code) - 1, 0))
+        same = np.flatnonzero(sorted_code[at] == sorted_code + step * len(paths))
+        first, second = order[same], order[at[same]]
+        fits = inner[axis][0][first]
+        first, second = first[fits], second[fits]
+        for found, one, other in ((ahead, first, second), (behind, second, first)):
+            found.append(np.full(len(code), -1))
+            found[axis][one] = other
+    return Neighbours(pixel, tuple(ahead), tuple(behind), tuple(inner))
 
 
 def spacing(ways: Ways, beside: Neighbours, rows: np.ndarray) -> np.ndarray:
@@ -352,6 +351,7 @@ def ending(
     width, height = size
     ways, pixel = rays.ways, beside.pixel
     way, beyond = np.zeros(len(ways)), np.zeros(width * height)
+    x, y = np.ascontiguousarray(shown.pixels.T)
     stretched, runs_on = np.zeros(len(ways)), ~ways.rough
     for axis, step in enumerate((1, width)):
         ahead, behind = beside.ahead[axis], beside.behind[axis]
@@ -364,8 +364,7 @@ def ending(
         a = np.flatnonzero(ahead >= 0)
         b = ahead[a]
         weight = np.maximum(ways.weight[a], ways.weight[b])
-        away = shown.pixels[a] - shown.pixels[b]
-        apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
+        apart = np.sqrt((x[a] - x[b]) ** 2 + (y[a] - y[b]) ** 2)
         other_view, other = shown.view[a] != shown.view[b], label[a] != label[b]
         looked_up = ~other_view & (shown.view[a] >= 0)
         stretch = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
