@@ -147,8 +147,8 @@ class FinerRays:
         pixel = coarse.pixel[coarse.ways.ray]
         most = ends.pixel.copy()
         np.maximum.at(most, pixel, ends.stretched)
-        self._rough = ends.pixel > self._tiers[0][1]
         # What ends beside stretched ways takes as many rays as these take places.
+        self._rough = (most > self._tiers[0][1]) & (ends.pixel > STEADY)
         self._ends = np.where(self._rough, most, 0.0)
         settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
         # The facets of rough glass differ from ray to ray: the centre's is one among all.
