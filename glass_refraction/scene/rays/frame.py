@@ -471,7 +471,8 @@ def _summed(
             used = looked_up(view, lookups.place[some])
             hidden = curtain(view, used)
             worth = _worth(pixel[order], weight[order], covering.sum())
-            count = max(1, int(np.ceil(worth * frame.samples)))
+            # Rounded: little more than one sample is not worth two.
+            count = max(1, round(worth * frame.samples))
         samples.append(count)
         curtains.append(hidden)
         if view is not None:

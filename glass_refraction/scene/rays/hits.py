@@ -182,7 +182,8 @@ class Scene:
         known = ways.is_sky & (self.sky.radiance is not None or self.sky.is_clear(ways))
         some = np.flatnonzero(~ways.is_sky)
         known[some] = self._is_lamp[self.things.surface[ways.triangle[some]]]
-        known |= ~ways.colour.any(axis=1)
+        red, green, blue = ways.colour.T
+        known |= (red == 0.0) & (green == 0.0) & (blue == 0.0)
         return known
 
     def hits(self, ways: Ways) -> Hits:
@@ -427,6 +428,7 @@ def _best_capture(
     groups.append(np.arange(len(ways)))
     groups = [group[:: max(1, len(group) // TRIED)] for group in groups]
     parts = [ways.take(group) for group in groups]
+    some = parts[-1]
     tried = [(virtual_eye(p.origin, p.direction, p.weight), p) for p in parts]
     # From where the light leaves the glass it sees what the exit rays see.
     tried += [(np.average(p.origin, axis=0, weights=p.weight), p) for p in parts]
@@ -435,9 +437,9 @@ def _best_capture(
         # What lacks counts by its share: ways.weight holds what each lacks already.
         return float((ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum())
 
-    views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, ways)]
+    views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, some)]
     eyes = [_eye_before(hits.take(group), ways.weight[group]) for group in groups]
-    views += [_capture_from(eye, ways, direct, aspect, near) for eye in eyes if eye is not None]
+    views += [_capture_from(eye, some, direct, aspect, near) for eye in eyes if eye is not None]
     judged = [(v, _quality(scene, v, hits, spacing)) for v in views if v is not None]
     most = [gain(quality) for _, quality in judged]
     best, found = 0.0, None
