@@ -295,20 +295,21 @@ def neighbours(rays: PictureRays, size: tuple[int, int]) -> Neighbours:
     code = pixel.astype(np.int64) * len(paths) + path
     order = np.argsort(code, kind="stable")
     sorted_code = code[order]
-    ahead, behind, inner = [], [], []
+    found: list[list[np.ndarray]] = []
+    inner = []
     for axis, step in enumerate((1, width)):
         place = pixel % width if axis == 0 else pixel // width
-        inner.append((place < (width, height)[axis] - 1, place > 0))
-        at = np.searchsorted(sorted_code, sorted_code + step * len(paths))
-        at = np.minimum(at, max(len(code) - 1, 0))
-        same = np.flatnonzero(sorted_code[at] == sorted_code + step * len(paths))
-        first, second = order[same], order[at[same]]
-        fits = inner[axis][0][first]
-        first, second = first[fits], second[fits]
-        for found, one, other in ((ahead, first, second), (behind, second, first)):
-            found.append(np.full(len(code), -1))
-            found[axis][one] = other
-    return Neighbours(pixel, tuple(ahead), tuple(behind), tuple(inner))
+        possible = place < (width, height)[axis] - 1, place > 0
+        inner.append(possible)
+        both = []
+        for sign, there in zip((1, -1), possible, strict=True):
+            wanted = code + sign * step * len(paths)
+            at = np.minimum(np.searchsorted(sorted_code, wanted), max(len(code) - 1, 0))
+            same = there & (sorted_code[at] == wanted) if len(code) else there
+            both.append(np.where(same, order[at] if len(code) else 0, -1))
+        found.append(both)
+    (ahead_x, behind_x), (ahead_y, behind_y) = found
+    return Neighbours(pixel, (ahead_x, ahead_y), (behind_x, behind_y), tuple(inner))
 
 
 def spacing(ways: Ways, beside: Neighbours, rows: np.ndarray) -> np.ndarray:

@@ -278,6 +278,15 @@ def test_neighbours_are_the_same_way_one_pixel_further():
     assert found.inner[1][0].all() == (27 // 6 < 4) and not found.inner[1][0][-1]
 
 
+def test_each_of_several_ways_through_the_same_interfaces_has_neighbours():
+    """The facets of rough glass: all of a ray's go one way."""
+    pixels = np.arange(3)
+    ways = sky_ways(np.repeat(pixels, 2), np.tile((0, 0, -1.0), (6, 1)))
+    found = neighbours(PictureRays(pixels, np.ones(3), np.zeros(3), ways), (3, 1))
+    np.testing.assert_array_equal(found.ahead[0] >= 0, ways.ray < 2)
+    np.testing.assert_array_equal(found.behind[0] >= 0, ways.ray > 0)
+
+
 def test_neighbours_of_no_ways():
     nothing = sky_ways(np.zeros(0, int), np.zeros((0, 3)))
     rays = PictureRays(np.arange(4), np.ones(4), np.zeros(4), nothing)
