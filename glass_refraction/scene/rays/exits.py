@@ -35,6 +35,8 @@ STRETCH = 0.085
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""
 MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
+FAINTER = 4.0
+"""Times its own light: a way takes as many places as that asks for, or as its pixel does if fewer."""
 ENOUGH = 0.25
 """Part of a ray's light that must have been followed to stand for all of it."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
@@ -157,9 +159,10 @@ class FinerRays:
         within = stay[self._rough[pixel[stay]] & (not follower.rough)]
         self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
         count = np.ones(len(stay), np.int32)
-        spread = np.flatnonzero(ends.stretched[stay] > STEADY)
+        own = ends.stretched[stay]
+        own = np.where(own > STEADY, np.minimum(most[pixel[stay]], FAINTER * own), 0.0)
         for many, least in self._tiers:
-            count[spread[most[pixel[stay[spread]]] > least]] = many
+            count[own > least] = many
         self.kept, self.share = np.repeat(stay, count), np.repeat(1.0 / count, count)
         self.offset = self._offsets(count)
         self._known = pixel[self.kept].astype(np.int32)
