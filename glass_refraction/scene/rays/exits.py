@@ -36,7 +36,7 @@ STRETCH = 0.085
 MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
 FAINTER = 4.0
-"""Times its own light: a way takes as many places as that asks for, or as its pixel does if fewer."""
+"""Times its own light: a way takes as many places as that asks for, its pixel's at most."""
 ENOUGH = 0.25
 """Part of a ray's light that must have been followed to stand for all of it."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
