@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
@@ -111,13 +112,13 @@ def _many_rays(rays, beside, *others) -> Endings:
     """`ending`, as though all ways ended in each pixel of glass."""
     found = ending(rays, beside, *others)
     found.pixel[beside.pixel] = 1.0
-    return Endings(found.pixel, np.ones_like(found.way))
+    return replace(found, way=np.ones_like(found.way))
 
 
 def _one_ray(*arguments) -> Endings:
     """`ending`, as though no way ended anywhere."""
     found = ending(*arguments)
-    return Endings(np.zeros_like(found.pixel), np.zeros_like(found.way))
+    return Endings(*map(np.zeros_like, vars(found).values()))
 
 
 def _all_samples(*_) -> float:

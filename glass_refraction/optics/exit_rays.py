@@ -494,11 +494,12 @@ class _Followed:
         turned = refracted(direction, normal, cosine, behind, eta)
         turned = np.where(straight, direction, turned)
         sunk = self._sunk(turned, flat, straight)
-        mirrored = direction + (2.0 * cosine) * normal
         live.events = events
         beyond = {"medium": met.after, "entered": crossing.entered}
         through = self._child(live, on, direction=turned, weight=weights[0], **beyond)
-        off = self._child(live, back, direction=units(mirrored), weight=weights[1])
+        off = self._child(live, back, weight=weights[1])
+        # Few are followed on.
+        off.direction = units(off.direction + (2.0 * cosine[back]) * columns(normal, back))
         if self.tints is not None:
             through.depth += np.where(straight, 0.0, self.tints[0, met.glass].T)[:, on]
             off.depth += self.tints[1, met.glass[back]].T

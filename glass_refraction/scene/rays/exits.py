@@ -35,6 +35,8 @@ STRETCH = 0.085
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""
 MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
+FAINTER = 4.0
+"""Times its own light: a way takes as many places as that asks for, its pixel's at most."""
 ENOUGH = 0.25
 """Part of a ray's light that must have been followed to stand for all of it."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
@@ -122,12 +124,14 @@ class FinerRays:
     """More rays in the pixels where ways end, spread as the pixel filter weighs places.
 
     Ways of a pixel's centre that do not end there stay, and those that carry little: only the
-    others are followed through more places. Together they bring all the light that comes.
+    others are followed through more places. Together they bring all the light that comes. Ways
+    that stay and are stretched are looked up at several places, for which no ray is followed.
 
     Attributes
     ----------
-    kept : (K',) numbers of the ways of `coarse` that stay. share : (K',) of the pixel that they are
-        seen in. pixel : (R,) of its rays.
+    kept : (K',) numbers of the ways of `coarse` that stay, each as often as it is looked up.
+    offset : (K', 2) pixels from its pixel's centre at which it is. share : (K',) of the pixel that
+        it is seen in there. pixel : (R,) of its rays.
 
     Parameters
     ----------
@@ -137,28 +141,48 @@ class FinerRays:
     def __init__(
         self, coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
     ) -> None:
-        self._sigma, self._follower, self._ends = sigma, follower, ends.pixel
+        self._sigma, self._follower = sigma, follower
         self.pixel, self._dark = coarse.pixel, coarse.dark
         self._tiers = FINER_OF_MESHES if follower.only_meshes else FINER
         if follower.rough or not follower.fresnel:
             self._tiers = FINER_IF_BLACK
-        self._rough = ends.pixel > self._tiers[0][1]
         pixel = coarse.pixel[coarse.ways.ray]
+        most = ends.pixel.copy()
+        np.maximum.at(most, pixel, ends.stretched)
+        # What ends beside stretched ways takes as many rays as these take places.
+        self._rough = (most > self._tiers[0][1]) & (ends.pixel > STEADY)
+        self._ends = np.where(self._rough, most, 0.0)
         settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
         # The facets of rough glass differ from ray to ray: the centre's is one among all.
         settled |= follower.rough
-        self.kept = np.flatnonzero(settled | ~self._rough[pixel])
+        stay = np.flatnonzero(settled | ~self._rough[pixel])
+        within = stay[self._rough[pixel[stay]] & (not follower.rough)]
+        self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
+        count = np.ones(len(stay), np.int32)
+        own = ends.stretched[stay]
+        own = np.where(own > STEADY, np.minimum(most[pixel[stay]], FAINTER * own), 0.0)
+        for many, least in self._tiers:
+            count[own > least] = many
+        self.kept, self.share = np.repeat(stay, count), np.repeat(1.0 / count, count)
+        self.offset = self._offsets(count)
         self._known = pixel[self.kept].astype(np.int32)
-        self.share = np.ones(len(self.kept))
         if follower.rough:
-            for count, least in self._tiers:
-                self.share[ends.pixel[self._known] > least] = 1.0 / (count + 1)
+            rays = np.ones(len(most))
+            for many, least in self._tiers:
+                rays[self._ends > least] = many + 1
+            self.share /= rays[self._known]
         # Of no ways at all NumPy counts in whole numbers.
         light = self.share * coarse.ways.weight[self.kept]
-        self._brought = np.bincount(self._known, light, len(ends.pixel)).astype(float)
+        self._brought = np.bincount(self._known, light, len(most)).astype(float)
         self._wanted = self._brought.copy()
-        within = self.kept[self._rough[self._known] & (not follower.rough)]
-        self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
+
+    def _offsets(self, count: np.ndarray) -> np.ndarray:
+        """(K', 2) pixels from the centre, of ways by how often they are looked up."""
+        offset, first = np.zeros((count.sum(), 2)), np.cumsum(count) - count
+        for many, _ in self._tiers:
+            begin = first[count == many]
+            offset[begin[:, None] + np.arange(many)] = self._sigma * _lattice(many)
+        return offset
 
     def parts(self) -> Iterator[PictureRays]:
         """The further rays in bundles, as many of their ways together as are looked for together.
@@ -308,12 +332,15 @@ class Endings:
 
     Attributes
     ----------
-    pixel : (width · height,) part of each pixel's light, the most of any way.
+    pixel : (width · height,) part of each pixel's light that ends, the most of any way.
     way : (K,) of each way.
+    stretched : (K,) of each way that runs on to all pixels beside: these tell where it leads
+        between them, so no further ray need. What else is stretched ends.
     """
 
     pixel: np.ndarray
     way: np.ndarray
+    stretched: np.ndarray
 
 
 def ending(
@@ -328,27 +355,60 @@ def ending(
     width, height = size
     ways, pixel = rays.ways, beside.pixel
     way, beyond = np.zeros(len(ways)), np.zeros(width * height)
+    x, y = np.ascontiguousarray(shown.pixels.T)
+    stretched, runs_on = np.zeros(len(ways)), ~ways.rough
     for axis, step in enumerate((1, width)):
         ahead, behind = beside.ahead[axis], beside.behind[axis]
         for sign, partner, there in zip((1, -1), (ahead, behind), beside.inner[axis], strict=True):
             ends = np.flatnonzero(there & (partner < 0))
+            runs_on[ends] = False
             light = END * ways.weight[ends]
             way[ends] = np.maximum(way[ends], light)
             np.maximum.at(beyond, pixel[ends] + sign * step, light)
         a = np.flatnonzero(ahead >= 0)
         b = ahead[a]
         weight = np.maximum(ways.weight[a], ways.weight[b])
-        away = shown.pixels[a] - shown.pixels[b]
-        apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
-        looked_up = (shown.view[a] == shown.view[b]) & (shown.view[a] >= 0)
+        apart = np.sqrt((x[a] - x[b]) ** 2 + (y[a] - y[b]) ** 2)
+        other_view, other = shown.view[a] != shown.view[b], label[a] != label[b]
+        looked_up = ~other_view & (shown.view[a] >= 0)
+        stretch = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
         # Elsewhere nothing has filtered what lies between the two.
-        begins = (shown.view[a] != shown.view[b]) | (label[a] != label[b])
-        stretched = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
-        light = weight * np.where(looked_up, stretched, END * begins)
-        way[a] = np.maximum(way[a], light)
-        way[b] = np.maximum(way[b], light)
+        ended = weight * (END * (~looked_up & (other_view | other)))
+        stretch *= weight * looked_up
+        for some in (a, b):
+            runs_on[some[other_view | other]] = False
+            way[some] = np.maximum(way[some], ended)
+            stretched[some] = np.maximum(stretched[some], stretch)
+    way = np.maximum(way, np.where(runs_on, 0.0, stretched))
     np.maximum.at(beyond, pixel, way)
-    return Endings(beyond, way)
+    return Endings(beyond, way, np.where(runs_on, stretched, 0.0))
+
+
+def between(
+    values: np.ndarray, beside: Neighbours, rows: np.ndarray, offset: np.ndarray
+) -> np.ndarray:
+    """Values (n, 2) between pixels, on a parabola through those of each way and of its neighbours.
+
+    Parameters
+    ----------
+    values : (K, 2) of all ways. rows : (n,) numbers of some, equal ones side by side.
+    offset : (n, 2) pixels from their pixels' centres.
+    """
+    found = values.take(rows, axis=0)
+    moved = np.flatnonzero((offset[:, 0] != 0.0) | (offset[:, 1] != 0.0))
+    begins = np.diff(rows[moved], prepend=-1) != 0
+    way, run = rows[moved[begins]], np.cumsum(begins) - 1
+    here = values.take(way, axis=0)
+    for axis in range(2):
+        ahead, behind = (part[axis][way] for part in (beside.ahead, beside.behind))
+        up = values.take(np.where(ahead < 0, way, ahead), axis=0) - here
+        down = here - values.take(np.where(behind < 0, way, behind), axis=0)
+        # At the picture's border there is but one neighbour, and a line through both.
+        both = ((ahead >= 0) & (behind >= 0))[:, None]
+        slope, bend = np.where(both, 0.5, 1.0) * (up + down), np.where(both, 0.5, 0.0) * (up - down)
+        t = offset[moved, axis, None]
+        found[moved] += t * (slope.take(run, axis=0) + t * bend.take(run, axis=0))
+    return found
 
 
 def sun_light(

@@ -23,6 +23,7 @@ from .curtain import curtain, looked_up
 from .edges import off_edges
 from .exits import (
     FinerRays,
+    between,
     centre_rays,
     ending,
     filter_sigma,
@@ -309,7 +310,7 @@ def _followed(
     lit = glints[lit] * coarse.ways.colour[lit]
     tell(FOLLOWING)
     finer = FinerRays(coarse, ends, sigma, follower)
-    centres = (coarse.ways.take(finer.kept), shown.take(finer.kept), coarse.pixel)
+    centres = (coarse, shown, beside)
     counts: list[int] = []
     parts = _lookups(frame, scene, views, finer, [centres], counts)
     # The largest arrays are held no longer than they are needed.
@@ -333,22 +334,23 @@ def _lookups(
 
     Parameters
     ----------
-    centres : their ways, what shows these, and the pixel of each ray; it is emptied.
+    centres : one ray a pixel, what shows its ways, and their neighbours; it is emptied.
     counts : gets how many rays have ways, of each part.
     """
-    ways, shown, pixel = centres.pop()
-    counts.append(len(np.unique(ways.ray)))
-    for rows in blocks_of(len(ways)):
-        some = ways.take(rows)
+    coarse, shown, beside = centres.pop()
+    counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
+    for rows in blocks_of(len(finer.kept)):
+        some = finer.kept[rows]
+        seen = shown.take(some)
         yield Lookups.of(
             scene,
-            some,
-            shown.take(rows),
-            _window_pixels(pixel[some.ray], frame.view),
+            coarse.ways.take(some),
+            replace(seen, pixels=between(shown.pixels, beside, some, finer.offset[rows])),
+            _window_pixels(beside.pixel[some], frame.view),
             finer.share[rows],
             frame.clamp,
         )
-    del ways, shown
+    del coarse, shown, beside
     for rays in finer.parts():
         ways = rays.ways
         counts.append(len(np.unique(ways.ray)))
@@ -478,7 +480,8 @@ def _summed(
             used = looked_up(view, lookups.place[some])
             hidden = curtain(view, used)
             worth = _worth(pixel[order], weight[order], covering.sum())
-            count = max(1, int(np.ceil(worth * frame.samples)))
+            # Rounded: little more than one sample is not worth two.
+            count = max(1, round(worth * frame.samples))
         samples.append(count)
         curtains.append(hidden)
         if view is not None:

@@ -208,7 +208,9 @@ class Scene:
         known = ways.is_sky & (self.sky.radiance is not None)
         some = np.flatnonzero(~ways.is_sky)
         known[some] = self._is_lamp[self.things.surface[ways.triangle[some]]]
-        return known | self.is_clear(ways) | ~ways.colour.any(axis=1)
+        red, green, blue = ways.colour.T
+        dark = (red == 0.0) & (green == 0.0) & (blue == 0.0)
+        return known | self.is_clear(ways) | dark
 
     def is_clear(self, ways: Ways) -> np.ndarray:
         """(K,) which show a hole in the picture: the sky or a holdout, of a transparent film."""
@@ -459,6 +461,7 @@ def _best_capture(
     groups.append(np.arange(len(ways)))
     groups = [group[:: max(1, len(group) // TRIED)] for group in groups]
     parts = [ways.take(group) for group in groups]
+    some = parts[-1]
     tried = [(virtual_eye(p.origin, p.direction, p.weight), p) for p in parts]
     # From where the light leaves the glass it sees what the exit rays see.
     tried += [(np.average(p.origin, axis=0, weights=p.weight), p) for p in parts]
@@ -467,9 +470,9 @@ def _best_capture(
         # What lacks counts by its share: ways.weight holds what each lacks already.
         return float((ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum())
 
-    views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, ways)]
+    views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, some)]
     eyes = [_eye_before(hits.take(group), ways.weight[group]) for group in groups]
-    views += [_capture_from(eye, ways, direct, aspect, near) for eye in eyes if eye is not None]
+    views += [_capture_from(eye, some, direct, aspect, near) for eye in eyes if eye is not None]
     judged = [(v, _quality(scene, v, hits, spacing)) for v in views if v is not None]
     most = [gain(quality) for _, quality in judged]
     best, found = 0.0, None

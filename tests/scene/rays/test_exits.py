@@ -18,6 +18,7 @@ from glass_refraction.scene.rays.exits import (
     PictureRays,
     _bell_means,
     _lattice,
+    between,
     centre_rays,
     ending,
     filter_sigma,
@@ -146,7 +147,7 @@ def _ends(coarse, pixel, way=1.0):
     """Endings of so much light in some pixels, and of all ways."""
     found = np.zeros(SIZE[0] * SIZE[1])
     found[list(pixel)] = list(pixel.values())
-    return Endings(found, np.full(len(coarse.ways), way))
+    return Endings(found, np.full(len(coarse.ways), way), np.zeros(len(coarse.ways)))
 
 
 @pytest.mark.parametrize("count", [count for count, _ in FINER])
@@ -221,7 +222,8 @@ def test_ways_that_do_not_end_stay_with_the_pixels_centre_and_all_light_comes():
     middle = 7
     rough = np.zeros(15)
     rough[middle] = 0.3
-    ends = Endings(rough, np.where(coarse.ways.path == 1, 0.0, 0.3))
+    way = np.where(coarse.ways.path == 1, 0.0, 0.3)
+    ends = Endings(rough, way, np.zeros_like(way))
     _, centre, finer = _finer(coarse, ends, 0.4, follower)
     assert set(finer.ways.path) == {2} and set(finer.pixel) == {middle}
     there = centre.pixel[centre.ways.ray] == middle
@@ -276,6 +278,15 @@ def test_neighbours_are_the_same_way_one_pixel_further():
     assert found.inner[1][0].all() == (27 // 6 < 4) and not found.inner[1][0][-1]
 
 
+def test_each_of_several_ways_through_the_same_interfaces_has_neighbours():
+    """The facets of rough glass: all of a ray's go one way."""
+    pixels = np.arange(3)
+    ways = sky_ways(np.repeat(pixels, 2), np.tile((0, 0, -1.0), (6, 1)))
+    found = neighbours(PictureRays(pixels, np.ones(3), np.zeros(3), ways), (3, 1))
+    np.testing.assert_array_equal(found.ahead[0] >= 0, ways.ray < 2)
+    np.testing.assert_array_equal(found.behind[0] >= 0, ways.ray > 0)
+
+
 def test_neighbours_of_no_ways():
     nothing = sky_ways(np.zeros(0, int), np.zeros((0, 3)))
     rays = PictureRays(np.arange(4), np.ones(4), np.zeros(4), nothing)
@@ -303,6 +314,82 @@ def test_where_all_is_smooth_nothing_ends():
     rough = ends.pixel.reshape(SIZE[::-1])
     assert (rough[:, 29:31] > 0.2).all()
     assert not np.delete(rough, (29, 30), axis=1).any()
+
+
+def _magnified(factor, bend=0.0):
+    """A picture whose one way runs on, what shows it, and what its neighbours are.
+
+    The hits of neighbouring pixels lie so many pixels apart in a view, and their places bend.
+    """
+    rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view_of(), straight))
+    y, x = np.divmod(rays.pixel, SIZE[0])
+    pixels = _places_in_view(np.stack((x, y), axis=1) + 0.5, factor, bend)
+    shown = Shown(np.zeros(len(rays.ways), int), pixels)
+    return rays, shown, neighbours(rays, SIZE)
+
+
+def _places_in_view(place, factor, bend):
+    x, y = np.moveaxis(place, -1, 0)
+    return np.stack((factor * x + bend * y**2, 0.5 * factor * y - bend * x**2), axis=-1)
+
+
+@pytest.mark.parametrize("factor", [2.0, 3.5, 9.0, 40.0])
+def test_stretched_ways_that_run_on_take_places_in_place_of_rays(factor):
+    rays, shown, beside = _magnified(factor)
+    ends = ending(rays, beside, shown, np.zeros(len(rays.ways), int), SIZE)
+    assert not ends.pixel.any() and not ends.way.any()
+    finer = FinerRays(rays, ends, 0.4, Following(view_of(), straight))
+    assert not [part for part in finer.parts() if len(part.pixel)]
+    times = np.bincount(finer.kept, minlength=len(rays.ways))
+    wanted = [count for count, least in FINER if ends.stretched[0] > least] or [1]
+    np.testing.assert_array_equal(times, wanted[-1])
+    np.testing.assert_allclose(np.bincount(finer.kept, finer.share), 1.0)
+    for axis in range(2):
+        middle = np.bincount(finer.kept, finer.offset[:, axis]) / times
+        np.testing.assert_allclose(middle, 0.0, atol=1e-12)
+    np.testing.assert_allclose(finer.factor, 1.0)
+    assert not finer.dark.any()
+
+
+@pytest.mark.parametrize("reason", ["surface", "view", "way", "rough"])
+def test_stretched_ways_end_where_their_neighbours_do_not_tell_what_lies_between(reason):
+    rays, shown, beside = _magnified(3.0)
+    label = np.zeros(len(rays.ways), int)
+    column = rays.pixel % SIZE[0]
+    near = (column == 29) | (column == 30)
+    if reason == "surface":
+        label[column >= 30] = 1
+    elif reason == "view":
+        shown.view[column >= 30] = 1
+    elif reason == "rough":
+        near = column >= 30
+        rays.ways.rough[near] = True
+    else:
+        rays = replace(rays, ways=rays.ways.take(np.flatnonzero(column != 30)))
+        shown, label = shown.take(np.flatnonzero(column != 30)), label[column != 30]
+        beside = neighbours(rays, SIZE)
+        column = rays.pixel[rays.ways.ray] % SIZE[0]
+        near = (column == 29) | (column == 31)
+    ends = ending(rays, beside, shown, label, SIZE)
+    np.testing.assert_array_equal(ends.way > 0.05, near)
+    np.testing.assert_array_equal(ends.stretched > 0.05, ~near)
+
+
+def test_places_between_pixels_lie_on_a_parabola_through_neighbours():
+    """So a place that neighbours tell is that of a ray, where places bend as slowly."""
+    rays, shown, beside = _magnified(3.0, bend=0.02)
+    rows = np.repeat(np.arange(len(rays.ways)), 6)
+    offset = np.tile(0.4 * _lattice(6), (len(rays.ways), 1))
+    offset[::12] = 0.0
+    found = between(shown.pixels, beside, rows, offset)
+    y, x = np.divmod(rays.pixel[rows], SIZE[0])
+    places = np.stack((x, y), axis=1) + 0.5 + offset
+    inner = (x > 0) & (x < SIZE[0] - 1) & (y > 0) & (y < SIZE[1] - 1)
+    wanted = _places_in_view(places, 3.0, 0.02)
+    np.testing.assert_allclose(found[inner], wanted[inner], atol=1e-9)
+    # At the picture's border the line through two pixels.
+    np.testing.assert_allclose(found[~inner], wanted[~inner], atol=0.02)
+    np.testing.assert_array_equal(found[::12], shown.pixels[rows[::12]])
 
 
 # ------------------------------------------------------------------------------------------- suns
