@@ -184,12 +184,13 @@ class Captures:
         glasses = glasses[:CAPTURES]
         key = (side, len(glasses))
         if key != self._key:
+            if side != self.side:
+                self._face = None
             self._key, self.side = key, side
             self._drawn.clear()
             self._ages.clear()
             self._wanted.clear()
             self._closes.clear()
-            self._face = None
             # As large as it will be: drivers compile shaders anew for textures of another kind.
             self.glasses = len(glasses)
             self.centres = [glass.middle() for glass in [*glasses, *glasses][:CAPTURES]]
@@ -231,7 +232,8 @@ class Captures:
                 self._stale.discard((number, CLOSE))
             self._look_behind(number, glass)
         side, centre = self.side, self.centres[number]
-        if self._face is None:
+        is_first = self._face is None
+        if is_first:
             self._face = gpu.types.GPUOffScreen(side, side, format="RGBA16F")
         scene, layer, space, region = view_3d
         reach = glass.reach()
@@ -245,7 +247,8 @@ class Captures:
         if turned is not None:
             to_camera, projection = lit_as_beside(to_camera, projection, turned, near)
         amended = amends_depths(scene, space)
-        quick = _quickly(layer) if amended else nullcontext()
+        samples = 1 if is_first else EEVEE_SAMPLES
+        quick = _quickly(layer, samples) if amended else nullcontext()
         with quick, _plainly(space, bpy.context.preferences):
             self._face.draw_view3d(
                 scene,
@@ -262,6 +265,9 @@ class Captures:
             # To be drawn again. And by an engine of its own: Blender 5.2 crashes where one goes on
             # that has drawn stand-ins.
             self._face = None
+            return
+        if is_first and amended:
+            # What EEVEE makes at its start it makes anew for each sample that it draws in that go.
             return
         depth = gpu.types.Buffer("FLOAT", (side, side))
         with self._face.bind():
@@ -327,20 +333,20 @@ class Captures:
 
 
 @contextmanager
-def _quickly(layer: bpy.types.ViewLayer) -> Iterator[None]:
+def _quickly(layer: bpy.types.ViewLayer, samples: int) -> Iterator[None]:
     """While EEVEE draws a capture: few samples. The user's own setting is not touched.
 
     What EEVEE reads is the evaluated scene's, and to write that has Blender evaluate the scene.
     """
     scene = layer.depsgraph.scene_eval
     before = scene.eevee.taa_samples
-    if before <= EEVEE_SAMPLES:
+    if before <= samples:
         # 0 is without end in a view, and one sample here.
         yield
         return
     with put_back(scene, layer):
         settings = layer.depsgraph.scene_eval.eevee
-        settings.taa_samples = EEVEE_SAMPLES
+        settings.taa_samples = samples
         try:
             yield
         finally:

@@ -105,6 +105,11 @@ def test_a_picture_is_read_as_it_moves_and_as_its_engine_comes_to_rest(found):
     assert count <= 3 < int(samples)
 
 
+def test_a_view_comes_to_rest_though_a_redraw_or_its_timer_got_lost(found):
+    """Else the line that tells what it works on stayed until something moved."""
+    assert found["lost"] == {"redraw": True, "timer": True}
+
+
 def test_captures_are_drawn_anew_while_an_animation_plays(found):
     """What moves would be seen where it was, lit as it was."""
     assert found["played_faces"] > 0

@@ -226,6 +226,20 @@ def reads():
     yield from rest()
 
 
+def lost_redraw():
+    """Whether a view comes to rest that waits for a redraw which does not come, or has no timer."""
+    (area,) = areas()
+    flat_view(area, "SOLID")
+    yield from rest()
+    views = module()
+    (view,) = views._views.values()
+    for name, lose in (("redraw", views._ask_for_rest), ("timer", area.tag_redraw)):
+        view.stage, view.final, view.waits = views.MOVING, False, name == "redraw"
+        lose()
+        yield 5.0
+        result.setdefault("lost", {})[name] = views.at_rest()
+
+
 def playing():
     """Faces of captures that are drawn while an animation plays in which the eraser moves."""
     (area,) = areas()
@@ -604,6 +618,7 @@ def steps():
         frames_like_f12,
         moved_camera,
         reads,
+        lost_redraw,
         playing,
         lines,
         clear,
