@@ -5,9 +5,10 @@
         SCENE.blend[:FRAME]...
 
 PARTS are final, redraws, playback, memory and f12; all of them if none is named. For each scene, in
-its camera's view: times of redraws with and without the picture (nothing moves,
-the eye moves, an object moves), Python's part of them, from switching on and from the last motion
-to the final picture, from the last motion to the engine's own last sample without it, how long a piece of work holds Blender up, and frames a second of playback.
+its camera's view: times of redraws with and without the picture (nothing moves, the eye moves, an
+object moves), Python's part of them, from switching on and from the last motion to the final
+picture, without the picture from the last motion to the engine's last sample, how long a piece of
+work holds Blender up, and frames a second of playback.
 Inside the glass the picture is held against F12's (Workbench's for SOLID, EEVEE's for MATERIAL) and
 the one of what moves against that at rest, in dB. Of the last scene: how memory grows, with the
 picture and without it. Solid's
