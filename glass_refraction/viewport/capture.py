@@ -115,6 +115,10 @@ class Captures:
         self.side = 0
         self.version = 0
         self.seconds = 0.0
+        self._samples = 1
+        """Of the last face, which took so long."""
+        self._is_rough = False
+        """Faces were drawn in haste since all were outdated."""
         self._stale: set[tuple[int, int]] = set()
         self._ages: dict[tuple[int, int], int] = {}
         """Of faces that were drawn, the version that came with each."""
@@ -143,6 +147,11 @@ class Captures:
     def left(self) -> int:
         """Faces that are still to be drawn."""
         return len(self._stale)
+
+    @property
+    def least_seconds(self) -> float:
+        """Of a face that is drawn in haste, as the last one tells; 0 before there is one."""
+        return self.seconds / self._samples
 
     @property
     def total(self) -> int:
@@ -204,6 +213,12 @@ class Captures:
         self._stale = set(product((*range(self.glasses), *self._seconds), range(FACES)))
         self._stale |= {(number, CLOSE) for number in self._wanted}
 
+    def smooth(self) -> None:
+        """Have all faces drawn anew if some were drawn in haste."""
+        if self._is_rough:
+            self._is_rough = False
+            self.outdate()
+
     def draw(
         self,
         frame: Frame,
@@ -211,6 +226,7 @@ class Captures:
         view_3d: tuple,
         wires: Wires,
         turned: np.ndarray | None = None,
+        hastily: bool = False,
     ) -> None:
         """Draw the next face. From a timer only.
 
@@ -219,6 +235,7 @@ class Captures:
         view_3d : scene, view layer, space and region that it is drawn as.
         wires : of the view's glasses, which overlays draw.
         turned : (3, 3) from the world to the camera that brings its light, if one does.
+        hastily : with one sample a pixel; see `smooth`.
         """
         number, face = self._next()
         glass = glasses[number % self.glasses]
@@ -247,8 +264,9 @@ class Captures:
         if turned is not None:
             to_camera, projection = lit_as_beside(to_camera, projection, turned, near)
         amended = amends_depths(scene, space)
-        samples = 1 if is_first else EEVEE_SAMPLES
-        quick = _quickly(layer, samples) if amended else nullcontext()
+        self._samples = EEVEE_SAMPLES if amended and not (is_first or hastily) else 1
+        self._is_rough |= amended and hastily
+        quick = _quickly(layer, self._samples) if amended else nullcontext()
         with quick, _plainly(space, bpy.context.preferences):
             self._face.draw_view3d(
                 scene,

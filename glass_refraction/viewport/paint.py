@@ -132,6 +132,21 @@ class Direct:
         self.lines = lines
         return not same
 
+    def is_same(self, framebuffer) -> bool:
+        """Whether the view's picture is as it was read last, by the rows that tell whether it is.
+
+        Much quicker than to read it all, of a still scene that is drawn for another reason.
+        """
+        colour = np.asarray(self._buffers[0])
+        width, height = self.size
+        return all(
+            np.array_equal(
+                np.asarray(framebuffer.read_color(0, y, width, 1, 4, 0, "FLOAT")).ravel(),
+                colour[y].ravel(),
+            )
+            for y in range(0, height, TILE)
+        )
+
     def find_steps(self, view: Viewpoint, frame: Frame) -> None:
         """See that the depths tell where things end in front of others: edges get smooth by it."""
         if self.depth is not self._stepped:

@@ -79,7 +79,8 @@ LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
 SHARE_OF_FACE = 0.25
-"""Of a redraw: after each of an animation one face of a capture is drawn that takes no longer."""
+"""Of a redraw: after each of an animation one face of a capture is drawn that takes no longer, in
+haste."""
 MOST_AWAY = 20
 """Timers in a row that may find the context of another window."""
 FAR_TARGET = 100.0
@@ -409,8 +410,12 @@ def _read(view: _View, moved: bool, samples: float, amended: bool) -> bool:
     direct, eye = view.painter.direct, view.eye
     differs = direct.glance(view.framebuffer, eye.size)
     changed = False
-    is_seen = view.is_read and (differs or not view.is_own)
-    if moved or view.refinements == samples or view.is_due or is_seen:
+    if (
+        moved
+        or view.refinements == samples
+        or view.is_due
+        or (view.is_read and (differs or not (view.is_own or direct.is_same(view.framebuffer))))
+    ):
         changed = direct.read(view.framebuffer, eye, view.model.frame, amended)
         # The depths of what an engine refines differ too, where a glance may not see it.
         refined = moved or differs or (changed and not view.is_due)
@@ -618,7 +623,7 @@ def _rest() -> float | None:
         hold = HOLD_SECONDS
         if window.screen.is_animation_playing and not quick:
             affordable = SHARE_OF_FACE * view.plain_seconds
-            has_time = view.captures.left and 0.0 < view.captures.seconds < affordable
+            has_time = view.captures.left and 0.0 < view.captures.least_seconds < affordable
             if not has_time or view.quiet:
                 look = REDRAW_SECONDS if has_time else PLAYING_SECONDS
                 wait = look if wait is None else min(wait, look)
@@ -687,12 +692,15 @@ def _work(view: _View, window, space, region, hold: float) -> None:
             view.waits = True
         region.tag_redraw()
         return
+    is_playing = window.screen.is_animation_playing
+    if not is_playing:
+        captures.smooth()
     if not captures.left and view.stage == MOVING:
         # Solid shading's faces are fine enough, and cost less than one of an engine's.
         captures.aim({} if space.shading.type == "SOLID" else _targets(view))
     if captures.left:
         is_late = view.model.key[:2] != (scene.session_uid, generation(scene))
-        if is_late and not window.screen.is_animation_playing:
+        if is_late and not is_playing:
             # Drawn anew, the view asks again. An animation is always a frame ahead.
             region.tag_redraw()
             view.waits, view.changed = True, time.perf_counter()
@@ -707,7 +715,7 @@ def _work(view: _View, window, space, region, hold: float) -> None:
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
         until = time.perf_counter() + hold
         while captures.left and not is_compiling():
-            captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned)
+            captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned, is_playing)
             counters["faces"] += 1
             # Blender draws all views after it, of which this one's engine shows nothing new.
             view.is_own = True
