@@ -351,19 +351,22 @@ def final():
 
 
 def engine_at_rest():
-    """Wait until the engine has refined what it shows; gives the seconds as the last value."""
+    """Wait until the engine has refined what it shows; gives seconds and CPU seconds, as the last
+    value.
+    """
     drawn = []
     kind = bpy.types.SpaceView3D
     handle = kind.draw_handler_add(lambda: drawn.append(0), (), "WINDOW", "POST_PIXEL")
     began = last = time.perf_counter()
+    busy = spent = time.process_time()
     while time.perf_counter() - last < QUIET_SECONDS:
         yield 0.02
         if drawn:
             # Drawn by now, and swapped.
-            last = time.perf_counter()
+            last, spent = time.perf_counter(), time.process_time()
             drawn.clear()
     kind.draw_handler_remove(handle, "WINDOW")
-    return last - began
+    return last - began, spent - busy
 
 
 def switch(on: bool) -> None:
@@ -392,6 +395,7 @@ def measure(scene_path: str):
     redraws_once()
     fit_frame()
     yield SETTLE_SECONDS[SHADING]
+    yield from engine_at_rest()
     name, result = f"{Path(path).stem}{wanted}_{SHADING.lower()}", {}
     frame = bpy.context.scene.frame_current
     motions = {"still": lambda k: None, "eye": move_eye, "object": mover()}
@@ -407,7 +411,7 @@ def measure(scene_path: str):
         for k in range(2):
             move_eye(k)
             redraws_once()
-        result["engine_s"] = yield from engine_at_rest()
+        result["engine_s"], result["engine_cpu_s"] = yield from engine_at_rest()
         # Shaders are compiled first.
         switch(True)
         yield from final()

@@ -40,8 +40,8 @@ AIM_KEPT = 0.15
 LEAST_SHARE = 0.05
 """Of the view's pixels: glasses that may cover less have no close picture."""
 EEVEE_SAMPLES = 2
-"""Of a face that EEVEE draws, at most: it draws all samples of a view in one go, 16 by default. More
-bring the picture in the glass no nearer to F12's; with one it is 0.3 dB farther off."""
+"""Of a face that EEVEE draws, at most: it draws all samples of a view in one go, 16 by default.
+More bring the picture in the glass no nearer to F12's; with one it is 0.3 dB farther off."""
 SIDES = {"SOLID": 256, "MATERIAL": 320, "RENDERED": 320}
 """Pixels a side of a face, by the view's shading. One size each: engines compile for it."""
 NEAR = 0.02

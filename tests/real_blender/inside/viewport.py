@@ -241,17 +241,24 @@ def lost_redraw():
 
 
 def playing():
-    """Faces of captures that are drawn while an animation plays in which the eraser moves."""
+    """Faces of captures that are drawn while the eraser moves in an animation, and afterwards."""
     (area,) = areas()
+    frame = bpy.context.scene.frame_current
+    for kind in ("SOLID", "MATERIAL"):
+        flat_view(area, kind)
+        yield from rest()
+        faces = [module().counters["faces"]]
+        with override(area):
+            bpy.ops.screen.animation_play()
+        yield 6.0
+        faces.append(module().counters["faces"])
+        with override(area):
+            bpy.ops.screen.animation_cancel(restore_frame=False)
+        yield from rest()
+        faces.append(module().counters["faces"])
+        result.setdefault("played_faces", {})[kind] = np.diff(faces).tolist()
+    bpy.context.scene.frame_set(frame)
     flat_view(area, "SOLID")
-    yield from rest()
-    faces = module().counters["faces"]
-    with override(area):
-        bpy.ops.screen.animation_play()
-    yield 6.0
-    result["played_faces"] = module().counters["faces"] - faces
-    with override(area):
-        bpy.ops.screen.animation_cancel(restore_frame=True)
     yield from rest()
 
 
