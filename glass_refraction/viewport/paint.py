@@ -133,13 +133,15 @@ class Direct:
         return not same
 
     def is_same(self, framebuffer) -> bool:
-        """Whether the view's picture is as it was read last, by the rows that tell whether it is.
+        """Whether the view's picture is as it was read last: some rows of colours and all depths.
 
-        Much quicker than to read it all, of a still scene that is drawn for another reason.
+        Much quicker than to read it all, of a still scene that is drawn for another reason. Lines
+        of overlays change depths alone.
         """
-        colour = np.asarray(self._buffers[0])
+        colour, depth = (np.asarray(buffer) for buffer in self._buffers)
         width, height = self.size
-        return all(
+        read = framebuffer.read_depth(0, 0, width, height)
+        return np.array_equal(np.asarray(read).reshape(height, width), depth) and all(
             np.array_equal(
                 np.asarray(framebuffer.read_color(0, y, width, 1, 4, 0, "FLOAT")).ravel(),
                 colour[y].ravel(),
