@@ -5,9 +5,10 @@
         SCENE.blend[:FRAME]...
 
 PARTS are final, redraws, playback, memory and f12; all of them if none is named. For each scene, in
-its camera's view: times of redraws with and without the picture (nothing moves,
-the eye moves, an object moves), Python's part of them, from switching on and from the last motion
-to the final picture, how long a piece of work holds Blender up, and frames a second of playback.
+its camera's view: times of redraws with and without the picture (nothing moves, the eye moves, an
+object moves), Python's part of them, from switching on and from the last motion to the final
+picture, without the picture from the last motion to the engine's last sample, how long a piece of
+work holds Blender up, and frames a second of playback.
 Inside the glass the picture is held against F12's (Workbench's for SOLID, EEVEE's for MATERIAL) and
 the one of what moves against that at rest, in dB. Of the last scene: how memory grows, with the
 picture and without it. Solid's
@@ -45,6 +46,8 @@ STEP = 0.002
 SETTLE_SECONDS = {"SOLID": 4.0, "MATERIAL": 30.0}
 """Until the engine has compiled and come to rest, before anything is measured."""
 LIMIT_SECONDS = 180.0
+QUIET_SECONDS = 3.0
+"""Without a redraw, after which the engine has come to rest."""
 PLAY_SECONDS = 5.0
 MANY_REDRAWS = 1000
 ENGINES = {"SOLID": "BLENDER_WORKBENCH", "MATERIAL": "BLENDER_EEVEE"}
@@ -347,6 +350,25 @@ def final():
     return time.perf_counter() - began, time.process_time() - busy
 
 
+def engine_at_rest():
+    """Wait until the engine has refined what it shows; gives seconds and CPU seconds, as the last
+    value.
+    """
+    drawn = []
+    kind = bpy.types.SpaceView3D
+    handle = kind.draw_handler_add(lambda: drawn.append(0), (), "WINDOW", "POST_PIXEL")
+    began = last = time.perf_counter()
+    busy = spent = time.process_time()
+    while time.perf_counter() - last < QUIET_SECONDS:
+        yield 0.02
+        if drawn:
+            # Drawn by now, and swapped.
+            last, spent = time.perf_counter(), time.process_time()
+            drawn.clear()
+    kind.draw_handler_remove(handle, "WINDOW")
+    return last - began, spent - busy
+
+
 def switch(on: bool) -> None:
     with override():
         bpy.context.window_manager.refractive_glass_overlay = on
@@ -373,6 +395,7 @@ def measure(scene_path: str):
     redraws_once()
     fit_frame()
     yield SETTLE_SECONDS[SHADING]
+    yield from engine_at_rest()
     name, result = f"{Path(path).stem}{wanted}_{SHADING.lower()}", {}
     frame = bpy.context.scene.frame_current
     motions = {"still": lambda k: None, "eye": move_eye, "object": mover()}
@@ -385,6 +408,10 @@ def measure(scene_path: str):
         yield 0.5
     held.update(work=0.0, face=0.0)
     if "final" in PARTS:
+        for k in range(2):
+            move_eye(k)
+            redraws_once()
+        result["engine_s"], result["engine_cpu_s"] = yield from engine_at_rest()
         # Shaders are compiled first.
         switch(True)
         yield from final()

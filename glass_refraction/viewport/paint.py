@@ -132,6 +132,23 @@ class Direct:
         self.lines = lines
         return not same
 
+    def is_same(self, framebuffer) -> bool:
+        """Whether the view's picture is as it was read last: some rows of colours and all depths.
+
+        Much quicker than to read it all, of a still scene that is drawn for another reason. Lines
+        of overlays change depths alone.
+        """
+        colour, depth = (np.asarray(buffer) for buffer in self._buffers)
+        width, height = self.size
+        read = framebuffer.read_depth(0, 0, width, height)
+        return np.array_equal(np.asarray(read).reshape(height, width), depth) and all(
+            np.array_equal(
+                np.asarray(framebuffer.read_color(0, y, width, 1, 4, 0, "FLOAT")).ravel(),
+                colour[y].ravel(),
+            )
+            for y in range(0, height, TILE)
+        )
+
     def find_steps(self, view: Viewpoint, frame: Frame) -> None:
         """See that the depths tell where things end in front of others: edges get smooth by it."""
         if self.depth is not self._stepped:

@@ -62,8 +62,9 @@ round their mean is the middle."""
 WAYS, WAYS_MORE, WAYS_MOVING = 8, 3, 4
 """Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
 while something moves."""
-SHARE_OF_REDRAW = 0.8
-"""A moving picture may take this part of the time that the view's redraw takes without it."""
+SHARE_OF_REDRAW, SHARE_OF_ENGINE = 0.8, 0.2
+"""A moving picture may take this part of the time that the view's redraw takes without it, in Solid
+shading and where an engine draws for longer."""
 MOST_PIXELS, PIXELS_STEP = 6.0, 0.25
 """A side, of which a moving picture has one sample at least, and by how much that may change: for
 each a picture of its own is made."""
@@ -78,7 +79,8 @@ LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
 SHARE_OF_FACE = 0.25
-"""Of a redraw: after each of an animation one face of a capture is drawn that takes no longer."""
+"""Of a redraw: after each of an animation one face of a capture is drawn that takes no longer, in
+haste."""
 MOST_AWAY = 20
 """Timers in a row that may find the context of another window."""
 FAR_TARGET = 100.0
@@ -303,7 +305,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     space, region, scene = context.space_data, context.region, context.scene
     settings = scene.refractive_glass
     view.space = space.as_pointer()
-    view.quiet = 0
+    view.quiet, view.waits = 0, False
     layer = context.view_layer
     if layer.depsgraph is None or space.shading.type == "WIREFRAME":
         return
@@ -350,7 +352,6 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         view.final = False
         _ask_for_rest()
     if not model.is_shown:
-        view.waits = False
         return
     turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
     if turned != view.turned:
@@ -359,7 +360,6 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.eye, view.backdrop = eye, _backdrop(context)
     view.is_open = space.shading.type == "SOLID"
     python += time.thread_time()
-    view.waits = False
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
     moved = stamp[:-1] != view.stamp[:-1]
@@ -367,8 +367,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         # No rest comes that would show what captures were drawn of it.
         moved = stamp != view.stamp
     view.refinements = 1 if moved or is_compiling() else view.refinements + 1
-    is_last = view.refinements == samples_of_engine(space, context.preferences)
-    changed = _read(view, moved, is_last, amends_depths(scene, space))
+    samples = samples_of_engine(space, context.preferences) or math.inf
+    changed = _read(view, moved, samples, amends_depths(scene, space))
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
@@ -390,6 +390,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         # Else the engine only refines what it shows: what is there stays until better is done.
         if moved or view.is_early:
             view.stage = MOVING
+    if not view.final:
         _ask_for_rest()
     hosts = painter.direct.wires.hosts
     selected = any(obj.session_uid in hosts for obj in layer.objects.selected)
@@ -399,21 +400,27 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     counters["milliseconds"] += view.python_ms
 
 
-def _read(view: _View, moved: bool, is_last: bool, amended: bool) -> bool:
+def _read(view: _View, moved: bool, samples: float, amended: bool) -> bool:
     """Read the direct picture if need be; whether it changed, or is still to be read at rest.
 
     An engine refines what it shows from redraw to redraw. Meanwhile a glance tells whether anything
-    changed; all of it is read of what moves, and at rest, which is at once where the engine's
-    ``is_last`` sample is drawn.
+    changed; all of it is read of what moves, and at rest, which is at once where the engine has
+    drawn the last of its ``samples``.
     """
     direct, eye = view.painter.direct, view.eye
     differs = direct.glance(view.framebuffer, eye.size)
     changed = False
-    if moved or is_last or view.is_due or (view.is_read and (differs or not view.is_own)):
+    if (
+        moved
+        or view.refinements == samples
+        or view.is_due
+        or (view.is_read and (differs or not (view.is_own or direct.is_same(view.framebuffer))))
+    ):
         changed = direct.read(view.framebuffer, eye, view.model.frame, amended)
         # The depths of what an engine refines differ too, where a glance may not see it.
         refined = moved or differs or (changed and not view.is_due)
-        view.is_read, view.is_due = is_last or not refined, False
+        # A redraw may have come that the engine did not count: what differs then is its last one.
+        view.is_read, view.is_due = view.refinements >= samples or not refined, False
     else:
         direct.python_seconds = 0.0
     view.is_own = False
@@ -446,7 +453,8 @@ def _divisor(view: _View, colours: int) -> float:
     """Pixels a side of the view for one sample of a moving picture, each of so many rays."""
     if view.speed == 0.0:
         return 2.0
-    affordable = max(1.0, SHARE_OF_REDRAW * view.plain_seconds * view.speed)
+    share = SHARE_OF_REDRAW if view.is_open else SHARE_OF_ENGINE
+    affordable = max(1.0, share * view.plain_seconds * view.speed)
     steps = math.ceil(math.sqrt(colours * view.painter.pixels / affordable) / PIXELS_STEP)
     return min(max(PIXELS_STEP * steps, 1.0), MOST_PIXELS)
 
@@ -608,11 +616,14 @@ def _rest() -> float | None:
         waits = view.model.meshes.waits
         if not (view.model.is_shown or waits) or space.as_pointer() not in _shown:
             continue
+        if space.shading.type == "WIREFRAME":
+            # The next redraw in another shading asks again.
+            continue
         quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
         hold = HOLD_SECONDS
         if window.screen.is_animation_playing and not quick:
             affordable = SHARE_OF_FACE * view.plain_seconds
-            has_time = view.captures.left and 0.0 < view.captures.seconds < affordable
+            has_time = view.captures.left and 0.0 < view.captures.least_seconds < affordable
             if not has_time or view.quiet:
                 look = REDRAW_SECONDS if has_time else PLAYING_SECONDS
                 wait = look if wait is None else min(wait, look)
@@ -661,6 +672,8 @@ def _work(view: _View, window, space, region, hold: float) -> None:
     """Faces of captures for ``hold`` seconds, one at least, or a slice of samples."""
     scene, painter, captures = window.scene, view.painter, view.captures
     if view.waits:
+        # Again: a redraw that was asked for may have got lost.
+        region.tag_redraw()
         return
     if not _is_at_home(view, region):
         region.tag_redraw()
@@ -679,12 +692,15 @@ def _work(view: _View, window, space, region, hold: float) -> None:
             view.waits = True
         region.tag_redraw()
         return
+    is_playing = window.screen.is_animation_playing
+    if not is_playing:
+        captures.smooth()
     if not captures.left and view.stage == MOVING:
         # Solid shading's faces are fine enough, and cost less than one of an engine's.
         captures.aim({} if space.shading.type == "SOLID" else _targets(view))
     if captures.left:
         is_late = view.model.key[:2] != (scene.session_uid, generation(scene))
-        if is_late and not window.screen.is_animation_playing:
+        if is_late and not is_playing:
             # Drawn anew, the view asks again. An animation is always a frame ahead.
             region.tag_redraw()
             view.waits, view.changed = True, time.perf_counter()
@@ -699,7 +715,7 @@ def _work(view: _View, window, space, region, hold: float) -> None:
         turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
         until = time.perf_counter() + hold
         while captures.left and not is_compiling():
-            captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned)
+            captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned, is_playing)
             counters["faces"] += 1
             # Blender draws all views after it, of which this one's engine shows nothing new.
             view.is_own = True

@@ -105,9 +105,19 @@ def test_a_picture_is_read_as_it_moves_and_as_its_engine_comes_to_rest(found):
     assert count <= 3 < int(samples)
 
 
-def test_captures_are_drawn_anew_while_an_animation_plays(found):
+def test_a_view_comes_to_rest_though_a_redraw_or_its_timer_got_lost(found):
+    """Else the line that tells what it works on stayed until something moved."""
+    assert found["lost"] == {"redraw": True, "timer": True}
+
+
+@pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
+def test_captures_are_drawn_anew_while_an_animation_plays(found, kind):
     """What moves would be seen where it was, lit as it was."""
-    assert found["played_faces"] > 0
+    assert found["played_faces"][kind][0] > 0
+
+
+def test_faces_that_were_drawn_in_haste_are_drawn_again_at_rest(found):
+    assert found["played_faces"]["MATERIAL"][1] >= 6
 
 
 @pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
@@ -167,12 +177,13 @@ def test_two_windows_show_two_scenes(found):
     assert found["scenes"] == [1, True, True]
 
 
-@pytest.mark.parametrize(("motion", "most"), [("still", 2), ("eye", 8), ("object", 8)])
+@pytest.mark.parametrize(("motion", "most"), [("still", 1), ("eye", 8), ("object", 8)])
 def test_redraws_leave_nothing_behind(found, motion, most):
-    """A still redraw reads colours and depths; what moves, is described and captured anew too."""
+    """A still redraw reads no texture anew; what moves, is described and captured anew too."""
     drawn, made, held = found["memory"][motion]
     assert drawn >= 20
-    assert 0 < made <= most * drawn
+    assert made <= most * drawn
+    assert made > 0 or motion == "still"
     # The last ones are what is shown.
     assert held <= 8
 

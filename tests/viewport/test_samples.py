@@ -35,10 +35,13 @@ def test_listed_pixels_lie_side_by_side(count):
 @pytest.mark.parametrize("pixels", [1, 5_000, 323_186])
 @pytest.mark.parametrize("speed", [1e4, 3e5, 1e8])
 @pytest.mark.parametrize("colours", [1, 3])
-def test_a_moving_picture_is_as_fine_as_it_can_be_in_its_time(pixels, speed, colours):
-    view = SimpleNamespace(speed=speed, plain_seconds=0.1, painter=SimpleNamespace(pixels=pixels))
+@pytest.mark.parametrize("share", [views.SHARE_OF_REDRAW, views.SHARE_OF_ENGINE])
+def test_a_moving_picture_is_as_fine_as_it_can_be_in_its_time(pixels, speed, colours, share):
+    painter = SimpleNamespace(pixels=pixels)
+    is_open = share == views.SHARE_OF_REDRAW
+    view = SimpleNamespace(speed=speed, plain_seconds=0.1, painter=painter, is_open=is_open)
     divisor = views._divisor(view, colours)
-    affordable = views.SHARE_OF_REDRAW * 0.1 * speed / colours
+    affordable = share * 0.1 * speed / colours
     assert 1.0 <= divisor <= views.MOST_PIXELS
     if divisor < views.MOST_PIXELS:
         assert pixels / divisor**2 <= affordable

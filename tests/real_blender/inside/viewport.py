@@ -226,18 +226,39 @@ def reads():
     yield from rest()
 
 
-def playing():
-    """Faces of captures that are drawn while an animation plays in which the eraser moves."""
+def lost_redraw():
+    """Whether a view comes to rest that waits for a redraw which does not come, or has no timer."""
     (area,) = areas()
     flat_view(area, "SOLID")
     yield from rest()
-    faces = module().counters["faces"]
-    with override(area):
-        bpy.ops.screen.animation_play()
-    yield 6.0
-    result["played_faces"] = module().counters["faces"] - faces
-    with override(area):
-        bpy.ops.screen.animation_cancel(restore_frame=True)
+    views = module()
+    (view,) = views._views.values()
+    for name, lose in (("redraw", views._ask_for_rest), ("timer", area.tag_redraw)):
+        view.stage, view.final, view.waits = views.MOVING, False, name == "redraw"
+        lose()
+        yield 5.0
+        result.setdefault("lost", {})[name] = views.at_rest()
+
+
+def playing():
+    """Faces of captures that are drawn while the eraser moves in an animation, and afterwards."""
+    (area,) = areas()
+    frame = bpy.context.scene.frame_current
+    for kind in ("SOLID", "MATERIAL"):
+        flat_view(area, kind)
+        yield from rest()
+        faces = [module().counters["faces"]]
+        with override(area):
+            bpy.ops.screen.animation_play()
+        yield 6.0
+        faces.append(module().counters["faces"])
+        with override(area):
+            bpy.ops.screen.animation_cancel(restore_frame=False)
+        yield from rest()
+        faces.append(module().counters["faces"])
+        result.setdefault("played_faces", {})[kind] = np.diff(faces).tolist()
+    bpy.context.scene.frame_set(frame)
+    flat_view(area, "SOLID")
     yield from rest()
 
 
@@ -604,6 +625,7 @@ def steps():
         frames_like_f12,
         moved_camera,
         reads,
+        lost_redraw,
         playing,
         lines,
         clear,
