@@ -196,7 +196,7 @@ class Scene:
         for number in np.unique(surface[self._is_lamp[surface]]):
             here = np.flatnonzero(surface == number)
             look, normals = self.things.looks[number], self.normals[triangle[here]]
-            there[here] = look.lights(normals, directions[here]) > 0.0
+            there[here] = any(look.radiance) & (look.lights(normals, directions[here]) > 0.0)
         return there
 
     def _is_shown(self, triangle: np.ndarray, _) -> np.ndarray:

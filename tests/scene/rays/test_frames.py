@@ -890,6 +890,16 @@ def test_lamps_are_not_there_where_they_are_dark_and_for_cameras(tmp_path, place
     _against_cycles(scene, tmp_path, 28.0)
 
 
+def test_a_lamp_without_power_is_not_there(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene()
+    _beside_a_lamp(scene, (0.0, 0.12, 0.06), -np.pi / 2, energy=0.0)
+    scenes.glass(shape="CYLINDER")
+    found = scenes.picture(scene, tmp_path)
+    bpy.data.objects.remove(bpy.data.objects["Lamp"])
+    np.testing.assert_allclose(found, scenes.picture(scene, tmp_path), atol=1e-5)
+
+
 @pytest.mark.parametrize("engine", ENGINES[:2])
 def test_a_world_that_is_for_cameras_alone_is_not_seen_in_the_glass(tmp_path, engine):
     scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)

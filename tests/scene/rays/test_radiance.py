@@ -2,7 +2,6 @@
 """Light that is known without a view: worlds of one colour, lamps, stand-ins."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 import scenes
 
 from glass_refraction.reference.cycles import render_reference
-from glass_refraction.scene.rays.hits import KNOWN, UNSEEN, Shown, Ways
+from glass_refraction.scene.rays.hits import KNOWN, UNSEEN, Scene, Shown, Ways
 from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.radiance import (
     UNLIMITED,
@@ -133,8 +132,10 @@ def test_lamps_and_sky_give_their_own_light():
 
 
 def _scene(things, normals=None):
-    normals = np.zeros((9, 3)) if normals is None else np.array(normals, float)
-    return SimpleNamespace(things=things, normals=normals, sky=Sky(None))
+    scene = Scene(None, things, Sky(None))
+    if normals is not None:
+        scene.normals = np.array(normals, float)
+    return scene
 
 
 def _lookups(scene, ways, shown):
