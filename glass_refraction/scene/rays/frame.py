@@ -39,6 +39,7 @@ from .hits import (
     KNOWN,
     UNSEEN,
     Scene,
+    Shown,
     Views,
     blocks_of,
     judged,
@@ -311,7 +312,7 @@ def _followed(
     stay = len(finer.kept)
     found.weight[:stay] *= finer.factor
     found.colour[:stay] *= finer.factor[:, None]
-    off_edges(scene, views, found.view, found.place, found.surface)
+    off_edges(scene, views, found.view, found.place, frame.things.surfaces(found.triangle))
     dark = finer.dark
     some = np.flatnonzero(dark)
     dark_pixel = _window_pixels(finer.pixel[some], view)
@@ -332,11 +333,11 @@ def _lookups(
     counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
     for rows in blocks_of(len(finer.kept)):
         some = finer.kept[rows]
-        seen = shown.take(some)
+        places = between(shown.pixels, beside, some, finer.offset[rows], views[0].region)
         yield Lookups.of(
             scene,
             coarse.ways.take(some),
-            replace(seen, pixels=between(shown.pixels, beside, some, finer.offset[rows])),
+            Shown(shown.view[some], places),
             _window_pixels(beside.pixel[some], frame.view),
             finer.share[rows],
             frame.clamp,
@@ -441,7 +442,7 @@ def _summed(
     unseen = weight[view_number == UNSEEN].sum() + rays.dark.sum()
     unseen = float(unseen / light) if light > 0.0 else 0.0
     known = np.flatnonzero(view_number == KNOWN)
-    lacking, guessed = stand_ins(scene.things, lookups)
+    lacking, guessed = stand_ins(scene, lookups)
     # A quarter of all that is held, and no longer needed.
     lookups.at = lookups.at[:0].copy()
     known, radiance = np.concatenate((known, lacking)), np.concatenate((lookups.light, guessed))

@@ -77,7 +77,7 @@ class Lookups(Columns):
     pixel : (K,) its number in the picture. share : (K,) part of it that the way's ray stands for.
     weight : (K,) part of the pixel's light. colour : (K, 3) of the ray's light, with tints.
     view, place : (K,) number of the view or `UNSEEN` or `KNOWN`, and pixels (K, 2) there.
-    surface : (K,) number of the look of what is met, −1: the sky.
+    triangle : (K,) that is met, −1: the sky.
     at : (K, 3) where that is; in the sky the direction.
     clear : (K,) which show a hole of the film.
     light : (n, 3) radiance of those ways only that are known, in their order.
@@ -89,7 +89,7 @@ class Lookups(Columns):
     colour: np.ndarray
     view: np.ndarray
     place: np.ndarray
-    surface: np.ndarray
+    triangle: np.ndarray
     at: np.ndarray
     clear: np.ndarray
     light: np.ndarray
@@ -108,21 +108,25 @@ class Lookups(Columns):
             ways.colour,
             shown.view,
             shown.pixels,
-            scene.things.surfaces(ways.triangle),
+            ways.triangle,
             np.where(ways.is_sky[:, None], ways.direction, ways.point),
             ways.is_sky & scene.sky.is_clear(ways),
             clamp.limited(light, known),
         )
 
 
-def stand_ins(things: Things, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
+def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
     """For hits that no view shows: the nearest hit of the same surface that one shows.
+
+    Where a surface is turned otherwise it is lit otherwise: a face that is turned by one radian
+    counts as though it were as far away as the surface is large there.
 
     Its view and place are written into the lookups; where there is none, `KNOWN`. Returns the
     numbers (n,) of all such hits, and radiances (n, 3) for those that have not even that: their
     surface's own light, and its colour under a mean light of 1/2; 0 of the others.
     """
-    view, place, at, surface = lookups.view, lookups.place, lookups.at, lookups.surface
+    view, place, things = lookups.view, lookups.place, scene.things
+    surface = things.surfaces(lookups.triangle)
     lacking, viewed = np.flatnonzero(view == UNSEEN), view >= 0
     light = np.zeros((len(lacking), 3))
     for number in np.unique(surface[lacking]):
@@ -136,9 +140,16 @@ def stand_ins(things: Things, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]
             view[here] = KNOWN
             continue
         seen = seen[:: max(1, len(seen) // COMPARED)]
+        both = [lookups.at[seen], lookups.at[here]]
+        if number >= 0:
+            size = np.sqrt(both[0].var(axis=0).sum())
+            both = [
+                np.concatenate((at, size * scene.normals[lookups.triangle[rows]]), axis=1)
+                for at, rows in zip(both, (seen, here), strict=True)
+            ]
         for start in range(0, len(here), BLOCK):
-            part = here[start : start + BLOCK]
-            apart = ((at[part, None] - at[None, seen]) ** 2).sum(axis=-1)
+            part = slice(start, start + BLOCK)
+            apart = ((both[1][part, None] - both[0]) ** 2).sum(axis=-1)
             nearest = seen[apart.argmin(axis=1)]
-            view[part], place[part] = view[nearest], place[nearest]
+            view[here[part]], place[here[part]] = view[nearest], place[nearest]
     return lacking, light

@@ -129,8 +129,12 @@ def test_lamps_and_sky_give_their_own_light():
     )
 
 
-def _lookups(things, ways, shown):
-    scene = SimpleNamespace(things=things, normals=np.zeros((9, 3)), sky=Sky(None))
+def _scene(things, normals=None):
+    normals = np.zeros((9, 3)) if normals is None else normals
+    return SimpleNamespace(things=things, normals=normals, sky=Sky(None))
+
+
+def _lookups(scene, ways, shown):
     count = len(ways)
     return Lookups.of(scene, ways, shown, np.arange(count), np.ones(count), UNLIMITED)
 
@@ -141,8 +145,9 @@ def test_a_hit_that_no_view_shows_takes_the_nearest_of_its_surface():
     ways = _ways(points, [0, 0, 0, 1, 1])
     pixels = np.arange(10.0).reshape(5, 2)
     shown = Shown(np.array([0, 1, UNSEEN, UNSEEN, UNSEEN]), pixels.copy())
-    lookups = _lookups(things, ways, shown)
-    lacking, guessed = stand_ins(things, lookups)
+    scene = _scene(things)
+    lookups = _lookups(scene, ways, shown)
+    lacking, guessed = stand_ins(scene, lookups)
     np.testing.assert_array_equal(lookups.view, [0, 1, 1, KNOWN, KNOWN])
     np.testing.assert_array_equal(lookups.place[2], pixels[1])
     # Nothing of the other surface is shown: its own light, and its colour under a mean light.
@@ -150,11 +155,32 @@ def test_a_hit_that_no_view_shows_takes_the_nearest_of_its_surface():
     np.testing.assert_allclose(guessed, [(0, 0, 0)] + [(1.1, 0.2, 0.3)] * 2)
 
 
+def test_a_stand_in_is_turned_as_the_hit_that_it_stands_for():
+    """Round a slender rod: along it all is lit alike, and not from one side to the other."""
+    random = np.random.default_rng(0)
+    angle, along = random.uniform(0, 2 * np.pi, 600), random.uniform(0, 1.0, 600)
+    around = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    points = np.concatenate((0.02 * around, along[:, None]), axis=1)
+    scene = _scene(_things(Look()), np.concatenate((around, 0 * along[:, None]), axis=1))
+    scene.things = replace(scene.things, surface=np.zeros(600, int))
+    hidden = (along > 0.4) & (along < 0.6)
+    pixels = random.uniform(0, 100, (600, 2))
+    shown = Shown(np.where(hidden, UNSEEN, 0), pixels.copy())
+    lookups = _lookups(scene, _ways(points, np.arange(600)), shown)
+    stand_ins(scene, lookups)
+    # By the place of each stand-in, whose it is.
+    whose = (lookups.place[hidden, None] == pixels).all(axis=-1).argmax(axis=1)
+    turned = np.abs((angle[hidden] - angle[whose] + np.pi) % (2 * np.pi) - np.pi)
+    assert not hidden[whose].any() and turned.max() < 0.5
+    assert np.abs(along[hidden] - along[whose]).max() < 0.3
+
+
 def test_no_ways_need_no_stand_in():
     ways = _ways(np.zeros((0, 3)), np.zeros(0, int))
     shown = Shown(np.zeros(0, int), np.zeros((0, 2)))
-    lookups = _lookups(_things(Look()), ways, shown)
-    lacking, guessed = stand_ins(_things(Look()), lookups)
+    scene = _scene(_things(Look()))
+    lookups = _lookups(scene, ways, shown)
+    lacking, guessed = stand_ins(scene, lookups)
     assert len(lookups) == len(lacking) == len(guessed) == 0
 
 
