@@ -35,6 +35,9 @@ STRETCH = 0.085
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""
 MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
+MOST_UNEVEN = 0.3
+"""Of a way's light: from one pixel to the next it may change by so much where the centre's stands
+for all of the pixel. Near total reflection it changes steeply."""
 FAINTER = 4.0
 """Times its own light: a way takes as many places as that asks for, its pixel's at most."""
 ENOUGH = 0.25
@@ -375,8 +378,9 @@ def ending(
         # Elsewhere nothing has filtered what lies between the two.
         ended = weight * (END * (~looked_up & (other_view | other)))
         stretch *= weight * looked_up
+        uneven = np.abs(ways.weight[a] - ways.weight[b]) > MOST_UNEVEN * weight
         for some in (a, b):
-            runs_on[some[other_view | other]] = False
+            runs_on[some[other_view | other | uneven]] = False
             way[some] = np.maximum(way[some], ended)
             stretched[some] = np.maximum(stretched[some], stretch)
     way = np.maximum(way, np.where(runs_on, 0.0, stretched))

@@ -351,7 +351,7 @@ def test_stretched_ways_that_run_on_take_places_in_place_of_rays(factor):
     assert not finer.dark.any()
 
 
-@pytest.mark.parametrize("reason", ["surface", "view", "way", "rough"])
+@pytest.mark.parametrize("reason", ["surface", "view", "way", "rough", "light"])
 def test_stretched_ways_end_where_their_neighbours_do_not_tell_what_lies_between(reason):
     rays, shown, beside = _magnified(3.0)
     label = np.zeros(len(rays.ways), int)
@@ -361,6 +361,8 @@ def test_stretched_ways_end_where_their_neighbours_do_not_tell_what_lies_between
         label[column >= 30] = 1
     elif reason == "view":
         shown.view[column >= 30] = 1
+    elif reason == "light":
+        rays.ways.weight[column >= 30] = 0.6
     elif reason == "rough":
         near = column >= 30
         rays.ways.rough[near] = True
