@@ -35,6 +35,9 @@ STRETCH = 0.085
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""
 MOST_STRETCHED_PX = 12.0
 """Beyond it stretches no more: a reflection that holds all the room is faint in every pixel."""
+MOST_UNEVEN = 0.3
+"""Of a way's light: from one pixel to the next it may change by so much where the centre's stands
+for all of the pixel. Near total reflection it changes steeply."""
 FAINTER = 4.0
 """Times its own light: a way takes as many places as that asks for, its pixel's at most."""
 ENOUGH = 0.25
@@ -375,8 +378,9 @@ def ending(
         # Elsewhere nothing has filtered what lies between the two.
         ended = weight * (END * (~looked_up & (other_view | other)))
         stretch *= weight * looked_up
+        uneven = np.abs(ways.weight[a] - ways.weight[b]) > MOST_UNEVEN * weight
         for some in (a, b):
-            runs_on[some[other_view | other]] = False
+            runs_on[some[other_view | other | uneven]] = False
             way[some] = np.maximum(way[some], ended)
             stretched[some] = np.maximum(stretched[some], stretch)
     way = np.maximum(way, np.where(runs_on, 0.0, stretched))
@@ -385,29 +389,37 @@ def ending(
 
 
 def between(
-    values: np.ndarray, beside: Neighbours, rows: np.ndarray, offset: np.ndarray
+    places: np.ndarray,
+    beside: Neighbours,
+    rows: np.ndarray,
+    offset: np.ndarray,
+    region: tuple[int, int, int, int],
 ) -> np.ndarray:
-    """Values (n, 2) between pixels, on a parabola through those of each way and of its neighbours.
+    """Places (n, 2) in views, of places between pixels, on a parabola through those of each way and
+    of its neighbours.
 
     Parameters
     ----------
-    values : (K, 2) of all ways. rows : (n,) numbers of some, equal ones side by side.
+    places : (K, 2) of all ways. rows : (n,) numbers of some, equal ones side by side.
     offset : (n, 2) pixels from their pixels' centres.
+    region : (x0, y0, x1, y1) that views draw: places stay within its outermost pixels' middles.
     """
-    found = values.take(rows, axis=0)
+    found = places.take(rows, axis=0)
     moved = np.flatnonzero((offset[:, 0] != 0.0) | (offset[:, 1] != 0.0))
     begins = np.diff(rows[moved], prepend=-1) != 0
     way, run = rows[moved[begins]], np.cumsum(begins) - 1
-    here = values.take(way, axis=0)
+    here = places.take(way, axis=0)
     for axis in range(2):
         ahead, behind = (part[axis][way] for part in (beside.ahead, beside.behind))
-        up = values.take(np.where(ahead < 0, way, ahead), axis=0) - here
-        down = here - values.take(np.where(behind < 0, way, behind), axis=0)
+        up = places.take(np.where(ahead < 0, way, ahead), axis=0) - here
+        down = here - places.take(np.where(behind < 0, way, behind), axis=0)
         # At the picture's border there is but one neighbour, and a line through both.
         both = ((ahead >= 0) & (behind >= 0))[:, None]
         slope, bend = np.where(both, 0.5, 1.0) * (up + down), np.where(both, 0.5, 0.0) * (up - down)
         t = offset[moved, axis, None]
         found[moved] += t * (slope.take(run, axis=0) + t * bend.take(run, axis=0))
+    low, high = np.array(region[:2]) + 0.5, np.array(region[2:]) - 0.5
+    found[moved] = np.clip(found[moved], low, high)
     return found
 
 

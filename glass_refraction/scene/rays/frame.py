@@ -39,6 +39,7 @@ from .hits import (
     KNOWN,
     UNSEEN,
     Scene,
+    Shown,
     Views,
     blocks_of,
     judged,
@@ -319,8 +320,7 @@ def _followed(
     stay = len(finer.kept)
     found.weight[:stay] *= finer.factor
     found.colour[:stay] *= finer.factor[:, None]
-    surface = frame.things.surfaces(found.triangle)
-    off_edges(scene, views, found.view, found.place, surface)
+    off_edges(scene, views, found.view, found.place, frame.things.surfaces(found.triangle))
     dark = finer.dark
     some = np.flatnonzero(dark)
     dark_pixel = _window_pixels(finer.pixel[some], view)
@@ -341,11 +341,11 @@ def _lookups(
     counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
     for rows in blocks_of(len(finer.kept)):
         some = finer.kept[rows]
-        seen = shown.take(some)
+        places = between(shown.pixels, beside, some, finer.offset[rows], views[0].region)
         yield Lookups.of(
             scene,
             coarse.ways.take(some),
-            replace(seen, pixels=between(shown.pixels, beside, some, finer.offset[rows])),
+            Shown(shown.view[some], places),
             _window_pixels(beside.pixel[some], frame.view),
             finer.share[rows],
             frame.clamp,

@@ -15,8 +15,6 @@ from .things import Things
 
 COMPARED = 400
 """Hits of one surface among which the nearest is looked for, for one that no view shows."""
-LEAST_SIZE = 1e-9
-"""Metres: what is smaller is one place."""
 BLOCK = 4096
 """Hits compared at a time."""
 
@@ -120,16 +118,17 @@ class Lookups(Columns):
 
 
 def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
-    """For hits that no view shows: the most alike hit of the same surface that one shows.
+    """For hits that no view shows: the nearest hit of the same surface that one shows.
 
-    Unit normals count as much as places, over the size of what of the surface is shown: what turns
-    away from a lamp is dark. The views and places are written into the lookups; where there is
-    none, `KNOWN`. Returns the numbers (n,) of all such hits, and radiances (n, 3) for those that
-    have not even that: their surface's own light, and its colour under a mean light of 1/2; 0 of
-    the others.
+    Where a surface is turned otherwise it is lit otherwise: a face that is turned by one radian
+    counts as though it were as far away as the surface is large there.
+
+    Its view and place are written into the lookups; where there is none, `KNOWN`. Returns the
+    numbers (n,) of all such hits, and radiances (n, 3) for those that have not even that: their
+    surface's own light, and its colour under a mean light of 1/2; 0 of the others.
     """
-    view, place, at, triangle = lookups.view, lookups.place, lookups.at, lookups.triangle
-    surface = scene.things.surfaces(triangle)
+    view, place, things = lookups.view, lookups.place, scene.things
+    surface = things.surfaces(lookups.triangle)
     lacking, viewed = np.flatnonzero(view == UNSEEN), view >= 0
     light = np.zeros((len(lacking), 3))
     for number in np.unique(surface[lacking]):
@@ -138,22 +137,21 @@ def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
         seen = np.flatnonzero((surface == number) & viewed)
         if not len(seen):
             if number >= 0:
-                look = scene.things.looks[number]
+                look = things.looks[number]
                 light[which] = np.array(look.radiance) + 0.5 * np.array(look.albedo)
             view[here] = KNOWN
             continue
         seen = seen[:: max(1, len(seen) // COMPARED)]
-        size = np.linalg.norm(np.ptp(at[seen], axis=0))
-
-        def traits(rows, sky=number < 0, size=size):
-            """(n, 6) of hits: the squares of differences tell how little they are alike."""
-            facing = np.zeros((len(rows), 3)) if sky else scene.normals[triangle[rows]]
-            return np.concatenate((at[rows] / max(size, LEAST_SIZE), facing), axis=1)
-
-        shown = traits(seen)
+        both = [lookups.at[seen], lookups.at[here]]
+        if number >= 0:
+            size = np.sqrt(both[0].var(axis=0).sum())
+            both = [
+                np.concatenate((at, size * scene.normals[lookups.triangle[rows]]), axis=1)
+                for at, rows in zip(both, (seen, here), strict=True)
+            ]
         for start in range(0, len(here), BLOCK):
-            part = here[start : start + BLOCK]
-            unlike = ((traits(part)[:, None] - shown) ** 2).sum(axis=-1)
-            nearest = seen[unlike.argmin(axis=1)]
-            view[part], place[part] = view[nearest], place[nearest]
+            part = slice(start, start + BLOCK)
+            apart = ((both[1][part, None] - both[0]) ** 2).sum(axis=-1)
+            nearest = seen[apart.argmin(axis=1)]
+            view[here[part]], place[here[part]] = view[nearest], place[nearest]
     return lacking, light

@@ -351,7 +351,7 @@ def test_stretched_ways_that_run_on_take_places_in_place_of_rays(factor):
     assert not finer.dark.any()
 
 
-@pytest.mark.parametrize("reason", ["surface", "view", "way", "rough"])
+@pytest.mark.parametrize("reason", ["surface", "view", "way", "rough", "light"])
 def test_stretched_ways_end_where_their_neighbours_do_not_tell_what_lies_between(reason):
     rays, shown, beside = _magnified(3.0)
     label = np.zeros(len(rays.ways), int)
@@ -361,6 +361,8 @@ def test_stretched_ways_end_where_their_neighbours_do_not_tell_what_lies_between
         label[column >= 30] = 1
     elif reason == "view":
         shown.view[column >= 30] = 1
+    elif reason == "light":
+        rays.ways.weight[column >= 30] = 0.6
     elif reason == "rough":
         near = column >= 30
         rays.ways.rough[near] = True
@@ -381,7 +383,7 @@ def test_places_between_pixels_lie_on_a_parabola_through_neighbours():
     rows = np.repeat(np.arange(len(rays.ways)), 6)
     offset = np.tile(0.4 * _lattice(6), (len(rays.ways), 1))
     offset[::12] = 0.0
-    found = between(shown.pixels, beside, rows, offset)
+    found = between(shown.pixels, beside, rows, offset, (-500, -500, 500, 500))
     y, x = np.divmod(rays.pixel[rows], SIZE[0])
     places = np.stack((x, y), axis=1) + 0.5 + offset
     inner = (x > 0) & (x < SIZE[0] - 1) & (y > 0) & (y < SIZE[1] - 1)
@@ -390,6 +392,15 @@ def test_places_between_pixels_lie_on_a_parabola_through_neighbours():
     # At the picture's border the line through two pixels.
     np.testing.assert_allclose(found[~inner], wanted[~inner], atol=0.02)
     np.testing.assert_array_equal(found[::12], shown.pixels[rows[::12]])
+
+
+def test_places_between_pixels_stay_in_what_views_draw():
+    rays, shown, beside = _magnified(3.0)
+    shown.pixels[:] = np.clip(shown.pixels, 20.5, 99.5)
+    rows = np.repeat(np.arange(len(rays.ways)), 12)
+    offset = np.tile(_lattice(12), (len(rays.ways), 1))
+    found = between(shown.pixels, beside, rows, offset, (20, 20, 100, 100))
+    assert found.min() >= 20.5 and found.max() <= 99.5
 
 
 # ------------------------------------------------------------------------------------------- suns

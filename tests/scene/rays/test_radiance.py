@@ -158,20 +158,24 @@ def test_a_hit_that_no_view_shows_takes_the_nearest_of_its_surface():
     np.testing.assert_allclose(guessed, [(0, 0, 0)] + [(1.1, 0.2, 0.3)] * 2)
 
 
-def test_a_stand_in_faces_the_same_way():
-    """The shaded back of a teapot, mirrored in a pane's edge, was as bright as its front."""
-    things = _things(Look())
-    things = replace(
-        things, triangles=np.repeat(things.triangles, 3, axis=0), surface=np.zeros(3, np.int32)
-    )
-    scene = _scene(things, [(0, 0, 1.0), (0, 0, -1.0), (0, 0.6, -0.8)])
-    # The nearest is on the other side; of the sky there are no sides.
-    points = [(0, 0, 0.1), (0, 0.5, 0), (0, 0, 0), (1.0, 0, 0), (0.8, 0.6, 0)]
-    ways = _ways(points, [0, 1, 2, -1, -1])
-    shown = Shown(np.array([0, 1, UNSEEN, 2, UNSEEN]), np.zeros((5, 2)))
-    lookups = _lookups(scene, ways, shown)
+def test_a_stand_in_is_turned_as_the_hit_that_it_stands_for():
+    """Round a slender rod: along it all is lit alike, and not from one side to the other."""
+    random = np.random.default_rng(0)
+    angle, along = random.uniform(0, 2 * np.pi, 600), random.uniform(0, 1.0, 600)
+    around = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    points = np.concatenate((0.02 * around, along[:, None]), axis=1)
+    scene = _scene(_things(Look()), np.concatenate((around, 0 * along[:, None]), axis=1))
+    scene.things = replace(scene.things, surface=np.zeros(600, int))
+    hidden = (along > 0.4) & (along < 0.6)
+    pixels = random.uniform(0, 100, (600, 2))
+    shown = Shown(np.where(hidden, UNSEEN, 0), pixels.copy())
+    lookups = _lookups(scene, _ways(points, np.arange(600)), shown)
     stand_ins(scene, lookups)
-    np.testing.assert_array_equal(lookups.view, [0, 1, 1, 2, 2])
+    # By the place of each stand-in, whose it is.
+    whose = (lookups.place[hidden, None] == pixels).all(axis=-1).argmax(axis=1)
+    turned = np.abs((angle[hidden] - angle[whose] + np.pi) % (2 * np.pi) - np.pi)
+    assert not hidden[whose].any() and turned.max() < 0.5
+    assert np.abs(along[hidden] - along[whose]).max() < 0.3
 
 
 def test_no_ways_need_no_stand_in():
