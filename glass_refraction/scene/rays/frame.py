@@ -412,15 +412,13 @@ def _placed(body: Glass, priority: int) -> optics.Placed:
 
 
 def _through(frame: FrameInput) -> np.ndarray | None:
-    """(T,) which triangles are seen through the glasses; lamps always are."""
-    if frame.seen_through is None:
-        return None
-    things = frame.things
+    """(T,) which triangles are seen through the glasses, None: all; lamps always are."""
+    things, named = frame.things, frame.seen_through
     seen = [
-        look.is_lamp or owner in frame.seen_through
+        look.is_lamp or (not look.is_passed and (named is None or owner in named))
         for look, owner in zip(things.looks, things.owners, strict=True)
     ]
-    return np.array(seen, bool)[things.surface]
+    return None if all(seen) else np.array(seen, bool)[things.surface]
 
 
 def _boxes(things: Things) -> np.ndarray:

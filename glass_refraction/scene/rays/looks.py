@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -25,6 +26,7 @@ class Look:
     is_lamp : the radiance is all that it shows, and no view shows it. It is not there for light
         that it does not meet with its own.
     is_hidden : from cameras.
+    is_passed : by light that has come through a glass.
     is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
     faces : 1: it gives light on the side of its normals only; 0: on both.
@@ -38,6 +40,7 @@ class Look:
     faces: int = 0
     beam: Beam | None = None
     is_hidden: bool = False
+    is_passed: bool = False
     is_hole: bool = False
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -51,6 +54,10 @@ class Look:
         if self.faces:
             part[np.einsum("nk,nk->n", normals, directions) >= 0.0] = 0.0
         return part if self.beam is None else part * self.beam.part(-directions)
+
+
+LookOf = Callable[[bpy.types.Material | None], Look | None]
+"""The look of what has a material; None where no ray meets it."""
 
 
 def look_of(material: bpy.types.Material | None) -> Look:
@@ -75,6 +82,16 @@ def look_of(material: bpy.types.Material | None) -> Look:
             glossy = node.type == "BSDF_GLOSSY"
             return Look(colour, is_glossy=glossy)
     return Look(plain)
+
+
+def passed_look(look: LookOf) -> LookOf:
+    """Looks of what light that comes through a glass passes: *Transmission* is off."""
+
+    def passed(material: bpy.types.Material | None) -> Look | None:
+        found = look(material)
+        return found and replace(found, is_passed=True)
+
+    return passed
 
 
 def hole_look(_material: bpy.types.Material | None) -> Look:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import bpy
@@ -13,7 +12,7 @@ from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import positions
 from .lamps import lamp_shape
-from .looks import Look, hole_look, look_of, softbox_look
+from .looks import Look, LookOf, hole_look, look_of, passed_look, softbox_look
 
 _CONVERTED_TYPES = {"CURVE", "SURFACE", "FONT", "META"}
 
@@ -97,6 +96,8 @@ def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], engine
             if engine == "BLENDER_WORKBENCH" or not (obj.visible_glossy and owner.visible_glossy):
                 continue
             look = softbox_look
+        if engine == "CYCLES" and not (obj.visible_transmission and owner.visible_transmission):
+            look = passed_look(look)
         if obj.type == "MESH":
             builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float), look)
         elif obj.type in _CONVERTED_TYPES:
@@ -124,7 +125,7 @@ class _Builder:
         owner: bpy.types.Object,
         mesh: bpy.types.Mesh,
         to_world: np.ndarray,
-        look: Callable[[bpy.types.Material | None], Look | None],
+        look: LookOf,
     ) -> None:
         """The triangles of one evaluated mesh that have a look; instances share what was read."""
         shared = obj.type == "MESH"

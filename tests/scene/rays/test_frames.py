@@ -641,6 +641,25 @@ def test_a_holdout_is_a_hole_in_the_glass_too(tmp_path):
 
 
 @pytest.mark.parametrize("inside", [False, True])
+def test_what_is_hidden_from_transmission_is_not_seen_through_the_glass(tmp_path, inside):
+    """In Cycles, as *Ray Visibility* says; beside the glass it is seen."""
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    _wall(stripes=6)
+    scene = _scene(samples=16)
+    bpy.ops.mesh.primitive_cube_add(size=0.03, location=(0, 0.0 if inside else 0.1, 0.06))
+    _red(bpy.context.object, (1.0, 0.0, 1.0))
+    scenes.glass(shape="CYLINDER")
+    shown = scenes.picture(scene, tmp_path, "shown")
+    cube = bpy.data.objects["Cube"]
+    cube.visible_transmission = False
+    found = scenes.picture(scene, tmp_path, "hidden")
+    inner = _inner(_covered(scene))
+    wanted = _reference(scene)
+    assert np.abs(shown - wanted)[inner].max() > 0.3
+    assert _psnr(found, wanted, inner) > 25.0
+
+
+@pytest.mark.parametrize("inside", [False, True])
 def test_only_what_its_collection_holds_is_seen_through_a_glass(tmp_path, inside):
     scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
     wall = _wall(stripes=6)
