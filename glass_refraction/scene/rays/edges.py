@@ -2,7 +2,8 @@
 """Lookups beside silhouettes in a view, moved to where it shows what they look for.
 
 A pixel at a silhouette mixes the nearer thing with what is behind it. Looked up there, either would
-be seen through the glass with a line of the other along its border.
+be seen through the glass with a line of the other along its border. Of what shines even the small
+part that the pixel filter takes into the next pixel is too much.
 """
 
 from __future__ import annotations
@@ -19,25 +20,36 @@ from .views import RadianceView
 
 AROUND = sorted(product((-1, 0, 1), repeat=2), key=lambda step: (np.abs(step).sum(), step))
 """Steps to a pixel and its neighbours, the nearest first."""
+FARTHER = sorted(
+    (step for step in product(range(-2, 3), repeat=2) if max(map(abs, step)) == 2),
+    key=lambda step: (np.square(step).sum(), step),
+)
+"""Steps to the pixels round these."""
+SHINING = 2.0
+"""Radiance, of the brightest of red, green and blue, from which on a surface shines."""
+GLARE = -3
+"""In place of a surface's number: of pixels that have light of what shines beside them."""
 
 
 def off_edges(scene: Scene, views: Views, view: np.ndarray, pixels: np.ndarray, surface) -> None:
     """Move lookups beside silhouettes to the middle of a pixel that shows their surface.
 
-    A lookup moves by less than two pixels, as far as it must: what surfaces show near their own
-    border stays. It stays where it is if a thing is too thin in a view to fill a pixel's middle.
+    A lookup moves by less than two pixels, and beside what shines by less than three, as far as it
+    must: what surfaces show near their own border stays. It stays where it is if a thing is too
+    thin in a view to fill a pixel's middle.
 
     Parameters
     ----------
     view, pixels : (K,) number of the view and frame pixels (K, 2) in it, of each lookup; the
         pixels are changed. surface : (K,) numbers of the surfaces that they look for.
     """
+    shines = np.array([max(look.radiance) > SHINING for look in scene.things.looks], bool)
     for number, shown in enumerate(views):
         rows = np.flatnonzero(view == number)
         if not len(rows) or shown.sky_only:
             continue
         blocks = np.split(rows, range(TOGETHER, len(rows), TOGETHER))
-        seen = _Seen.by(scene.sketch(shown), (pixels[block] for block in blocks))
+        seen = _Seen.by(scene.sketch(shown), (pixels[block] for block in blocks), shines)
         for block in blocks:
             pixels[block] = _moved(seen, shown, pixels[block], surface[block])
 
@@ -46,11 +58,19 @@ def _moved(seen: _Seen, view: RadianceView, pixels: np.ndarray, surface: np.ndar
     """Places (K, 2) near those given where a view's picture shows the surfaces (K,)."""
     cell = np.floor(pixels).astype(np.intp) - seen.origin
     near = np.flatnonzero(seen.at(seen.is_border, cell))
-    found, left = cell.copy(), near
-    for step in AROUND:
-        there = seen.at(seen.surface, cell[left] + step) == surface[left]
-        found[left[there]] += step
-        left = left[~there]
+    found = cell.copy()
+
+    def look(rows: np.ndarray, steps) -> np.ndarray:
+        """Find the nearest cells of the surfaces; returns the rows that find none."""
+        for step in steps:
+            there = seen.at(seen.surface, cell[rows] + step) == surface[rows]
+            found[rows[there]] += step
+            rows = rows[~there]
+        return rows
+
+    left = look(near, AROUND)
+    dazzled = seen.at(seen.is_dazzled, cell[left])
+    left = np.concatenate((left[~dazzled], look(left[dazzled], FARTHER)))
     near = np.setdiff1d(near, left, assume_unique=True)
     moved = pixels.copy()
     moved[near] += found[near] - cell[near]
@@ -70,20 +90,24 @@ class _Seen:
 
     Attributes
     ----------
-    origin, surface : see `Sketch`.
+    origin, surface : see `Sketch`; beside what shines, `GLARE`.
     borders : for x and for y, beside which pixels something else is seen nearer or farther: before
         them (left, below) and after them.
-    is_border : whether that is so on any side.
+    is_border : whether that is so on any side. is_dazzled : what shines, and beside it.
     """
 
     origin: np.ndarray
     surface: np.ndarray
     borders: tuple[tuple[np.ndarray, np.ndarray], ...]
     is_border: np.ndarray
+    is_dazzled: np.ndarray
 
     @staticmethod
-    def by(sketch: Sketch, lookups: Iterable[np.ndarray]) -> _Seen:
-        """What the neighbours of lookups (K, 2) show, of several bundles."""
+    def by(sketch: Sketch, lookups: Iterable[np.ndarray], shines: np.ndarray) -> _Seen:
+        """What the neighbours of lookups (K, 2) show, of several bundles.
+
+        ``shines``: (L,) which surfaces do, by their numbers.
+        """
         asked = np.zeros(sketch.surface.shape, bool)
         for pixels in lookups:
             x, y = (np.floor(pixels).astype(np.intp) - sketch.origin).T
@@ -91,9 +115,14 @@ class _Seen:
         for axis in range(2):
             asked = _spread(asked, axis, MARGIN_PX)
         sketch.look(asked)
-        borders = tuple(_borders(sketch.surface, sketch.far, sketch.step, a) for a in (1, 0))
+        surface, dazzled = sketch.surface, np.zeros(asked.shape, bool)
+        if shines.any():
+            bright = (surface >= 0) & shines[surface]
+            dazzled = _spread(_spread(bright, 0, 1), 1, 1) & (surface != UNKNOWN)
+            surface = np.where(dazzled & ~bright, GLARE, surface)
+        borders = tuple(_borders(surface, sketch.far, sketch.step, a) for a in (1, 0))
         is_border = np.logical_or.reduce([side for pair in borders for side in pair])
-        return _Seen(sketch.origin, sketch.surface, borders, is_border)
+        return _Seen(sketch.origin, surface, borders, is_border, dazzled)
 
     @staticmethod
     def at(picture: np.ndarray, cell: np.ndarray) -> np.ndarray:
@@ -127,7 +156,11 @@ def _borders(surface, distance, step, axis: int) -> tuple[np.ndarray, np.ndarray
     # Of two skies the difference is no number, and no border.
     with np.errstate(invalid="ignore"):
         gap = np.abs(distance[before] - distance[after])
-    other &= gap > np.maximum(step[before], step[after])
+    other &= (
+        (gap > np.maximum(step[before], step[after]))
+        | (surface[before] == GLARE)
+        | (surface[after] == GLARE)
+    )
     found = np.zeros(surface.shape, bool), np.zeros(surface.shape, bool)
     found[0][after], found[1][before] = other, other
     return found

@@ -35,9 +35,11 @@ def sharpening_factors() -> np.ndarray:
     return 1.0 / (LEAST_LEFT + half * (1.0 + zeros[1:]))
 
 
-def pixel_places(size: tuple[int, int]) -> np.ndarray:
-    """The pixels' own places in a picture of a size: (height, width, 4)."""
+def pixel_places(size: tuple[int, int], white: float) -> np.ndarray:
+    """The pixels' own places in a picture of a size, and in alpha how bright what is shown as
+    white is: (height, width, 4)."""
     out = np.ones((size[1], size[0], 4), np.float32)
+    out[..., 3] = white
     for axis, count in enumerate(size):
         places = (np.arange(count) + 0.5) / count
         out[..., axis] = places if axis == 0 else places[:, None]
@@ -141,9 +143,11 @@ class _ViewTree(_Lookups):
         for way in ("INPUT", "OUTPUT"):
             self.tree.interface.new_socket("Image", in_out=way, socket_type="NodeSocketColor")
         image = self._node("NodeGroupInput").outputs["Image"]
-        sharp = self._sharpened(image) if kind == "colour" else image
-        method = "Bicubic" if kind == "colour" else "Bilinear"
-        looked_up = self._at(sharp, self._picture(number, "where"), method)
+        where = self._picture(number, "where")
+        if kind == "colour":
+            looked_up = self._interpolated(image, where)
+        else:
+            looked_up = self._at(image, where, "Bilinear")
         # Alpha is what the samples' weights show; a tint takes none of it.
         colour = self._picture(number, kind)
         found = self._vector("MULTIPLY", looked_up, colour)
@@ -158,9 +162,20 @@ class _ViewTree(_Lookups):
         found = self._vector("ADD", done, rest)
         self._link(found, self._node("NodeGroupOutput").inputs["Image"])
 
-    def _sharpened(self, image):
+    def _interpolated(self, image, where):
+        """A view's colours at places: by splines up to white, straight what is brighter.
+
+        Splines swing beside an edge, by a tenth of it: beside a lamp that is darker than black.
+        """
+        places, white = (self._picture("pixels", output=part) for part in ("Image", "Alpha"))
+        shown = self._vector("MINIMUM", image, white)
+        glare = self._at(self._vector("SUBTRACT", image, shown), where, "Bilinear")
+        sharp = self._at(self._sharpened(shown, places), where, "Bicubic")
+        return self._vector("ADD", sharp, glare)
+
+    def _sharpened(self, image, places):
         """A view such that a B-spline of it goes through its pixels, see `sharpening_factors`."""
-        sharp, places = image, self._picture("pixels")
+        sharp = image
         for factor in sharpening_factors():
             lacking = self._vector("SUBTRACT", image, self._at(sharp, places, "Bicubic"))
             sharp = self._vector("ADD", sharp, self._scaled(lacking, factor))

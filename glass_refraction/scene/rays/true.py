@@ -256,7 +256,8 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     result = compute(read, _casters(scene), ROOM, _kept(scene), _kept_light(scene))
     # From here on all is written: a picture of two frames' halves would be none.
     check()
-    _write(scene, views, result, read.sky.is_of_cameras)
+    white = 2.0**-depsgraph.scene_eval.view_settings.exposure
+    _write(scene, views, result, read.sky.is_of_cameras, white)
     problems += _lit_from_elsewhere(scene, result)
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
@@ -440,8 +441,12 @@ def _write(
     views: list[bpy.types.Scene],
     result: FrameResult,
     through_panes: bool,
+    white: float,
 ) -> None:
-    """Write a frame's pictures and views; those of the sky are seen through panes, or not."""
+    """Write a frame's pictures and views; those of the sky are seen through panes, or not.
+
+    ``white``: radiance that is shown as white.
+    """
     pictures = Pictures(scene)
     for number in range(len(result.views)):
         pictures.write_view(number, result.views.pop(0), result.weights.pop(0))
@@ -449,7 +454,7 @@ def _write(
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
     height, width = result.spread.shape[:2]
-    pictures.write(pixel_places((width, height)), "pixels")
+    pictures.write(pixel_places((width, height), white), "pixels")
     for number, light in enumerate(result.light):
         pictures.write(light, number, "light")
     _match_views(scene, views)

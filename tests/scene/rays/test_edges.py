@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Lookups beside silhouettes: moved to what they look for, and no farther than they must."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from glass_refraction.scene.rays.edges import off_edges
 from glass_refraction.scene.rays.hits import KNOWN
+from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.sketches import Sketch
 from glass_refraction.scene.rays.things import Things
 from glass_refraction.scene.rays.views import RadianceView
@@ -32,10 +34,10 @@ class Card:
         return np.where(on, CARD_AT, self.wall) / -directions[:, 2], np.where(on, CARD, WALL)
 
 
-def _scene(caster):
+def _scene(caster, looks=()):
     normals = np.tile((0.0, 0.0, 1.0), (2, 1))
-    things = Things(np.zeros((0, 3)), np.zeros((0, 3), int), np.array([CARD, WALL]), (), ())
-    return SimpleNamespace(sketch=lambda view: Sketch(view, things, normals, caster))
+    things = Things(np.zeros((0, 3)), np.zeros((0, 3), int), np.array([CARD, WALL]), looks, ())
+    return SimpleNamespace(things=things, sketch=lambda view: Sketch(view, things, normals, caster))
 
 
 def _view():
@@ -50,9 +52,9 @@ def _lookups(count=20_000, seed=0):
     return random.uniform((2.0, 2.0), (WIDTH - 2.0, HEIGHT - 2.0), (count, 2))
 
 
-def _moved(caster, pixels, triangle, view=0):
+def _moved(caster, pixels, triangle, view=0, looks=()):
     moved = pixels.copy()
-    off_edges(_scene(caster), [_view()], np.full(len(pixels), view), moved, triangle)
+    off_edges(_scene(caster, looks), [_view()], np.full(len(pixels), view), moved, triangle)
     return moved
 
 
@@ -107,6 +109,21 @@ def test_surfaces_that_touch_are_left_as_they_are():
     pixels = _lookups()
     touching = Card(wall=CARD_AT)
     assert np.array_equal(_moved(touching, pixels, _met(touching, pixels)), pixels)
+
+
+def test_beside_what_shines_one_pixel_more_is_kept_off():
+    """The pixel filter takes light into the pixels beside a lamp: a ring stood in the glass."""
+    pixels = _lookups()
+    pixels = pixels[_from_border(pixels) > 0.0]
+    wanted = np.full(len(pixels), WALL)
+    lit = _moved(Card(), pixels, wanted, looks=(Look(radiance=(9.0, 0.0, 0.0)), Look()))
+    beside = product((-1.0, 0.0, 1.0), repeat=2)
+    assert all((_met(Card(), lit + step) == WALL).all() for step in beside)
+    assert np.abs(lit - pixels).max() < 3.0
+    dim = _moved(Card(), pixels, wanted, looks=(Look(radiance=(0.9, 0.0, 0.0)), Look()))
+    assert np.array_equal(dim, _moved(Card(), pixels, wanted))
+    far = _from_border(pixels) > 3.5
+    assert np.array_equal(lit[far], pixels[far])
 
 
 def test_what_is_too_thin_for_a_pixel_stays_where_it_is():

@@ -621,6 +621,25 @@ def test_things_of_a_background_set_are_seen_through_the_glass(tmp_path):
     assert _psnr(found, _reference(scene), covered) > 24.0
 
 
+@pytest.mark.parametrize("strength", [1000.0, 30.0])
+def test_what_shines_behind_the_glass_leaves_no_ring_where_it_stands(tmp_path, strength):
+    """Splines swing beside an edge: a lamp of 1000 had a ring of −30 round its own place."""
+    scenes.camera(location=(0.0, -0.5, 0.06), tilt=np.pi / 2)
+    scene = _scene(width=120, height=90, samples=8)
+    bpy.ops.mesh.primitive_plane_add(size=2.0, location=(0, 0.5, 0), rotation=(np.pi / 2, 0, 0))
+    bpy.context.object.data.materials.append(scenes.emissive("Wall", (0.2, 0.3, 0.2)))
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=0.012, location=(0.02, 0.2, 0.07))
+    light = tuple(strength * part for part in (1.0, 0.9, 0.8))
+    bpy.context.object.data.materials.append(scenes.emissive("Lamp", light))
+    scenes.glass(shape="CYLINDER", radius=0.06, contents_ior=1.333)
+    found = scenes.picture(scene, tmp_path)
+    inside = _covered(scene)
+    assert found[inside].min() > 0.1
+    wanted = _reference(scene, samples=64)
+    off = _psnr(np.clip(found, 0.0, 1.0), np.clip(wanted, 0.0, 1.0), inside)
+    assert off > 27.0, off
+
+
 def test_a_holdout_is_a_hole_in_the_glass_too(tmp_path):
     scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
     _wall(stripes=6)

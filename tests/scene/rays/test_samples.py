@@ -158,7 +158,7 @@ def test_a_white_picture_stays_white_up_to_its_border():
         np.testing.assert_allclose(sharpened(np.ones(size)), 1.0, atol=1e-12)
 
 
-def _composited(scene, tmp_path, fill, alpha=False):
+def _composited(scene, tmp_path, fill, alpha=False, white=1.0):
     """Render a scene whose compositor has the sum tree of no captures; ``fill`` writes pictures."""
     tree = SumTree(scene, [], alpha=alpha).tree
     outer = bpy.data.node_groups.new("Mine", "CompositorNodeTree")
@@ -174,7 +174,7 @@ def _composited(scene, tmp_path, fill, alpha=False):
     outer.links.new(group.outputs["Image"], end.inputs["Image"])
     scene.compositing_node_group = outer
     pictures = Pictures(scene)
-    pictures.write(pixel_places(render_size(scene)), "pixels")
+    pictures.write(pixel_places(render_size(scene), white), "pixels")
     fill(pictures)
     return scenes.picture(scene, tmp_path)
 
@@ -214,8 +214,10 @@ def test_blenders_compositor_adds_up_the_same(tmp_path):
     np.testing.assert_allclose(found[..., 3], 1.0, atol=2e-3)
 
 
-def test_a_view_looked_up_at_its_own_pixels_is_itself(tmp_path):
-    """Edges along the picture's axes are as sharp as they were, up to the picture's border."""
+@pytest.mark.parametrize("white", [1.0, 0.4])
+def test_a_view_looked_up_at_its_own_pixels_is_itself(tmp_path, white):
+    """Edges along the picture's axes are as sharp as they were, up to the picture's border, also of
+    what is brighter than white."""
     scene = scenes.settings(32, 24, samples=1)
     scene.render.engine = "BLENDER_WORKBENCH"
     scene.display.shading.light = "FLAT"
@@ -227,7 +229,7 @@ def test_a_view_looked_up_at_its_own_pixels_is_itself(tmp_path):
         material.diffuse_color = (0.2 + 0.3 * number, 0.5, 0.9 - 0.4 * number, 1.0)
     pixel = np.arange(32 * 24)
     everywhere = PackedPixels(pixel)
-    own_places = pixel_places((32, 24)).reshape(-1, 4)[:, :2]
+    own_places = pixel_places((32, 24), white).reshape(-1, 4)[:, :2]
 
     def fill(pictures):
         pictures.write_view(0, pack(everywhere, pixel, own_places, np.ones((768, 3))), pixel)
@@ -236,5 +238,5 @@ def test_a_view_looked_up_at_its_own_pixels_is_itself(tmp_path):
 
     plain = scenes.picture(scene, tmp_path, "plain")[..., :3]
     assert np.abs(np.diff(plain, axis=1)).max() > 0.3
-    found = _composited(scene, tmp_path, fill)[..., :3]
+    found = _composited(scene, tmp_path, fill, white=white)[..., :3]
     np.testing.assert_allclose(found, plain, rtol=0.0, atol=0.012 * np.ptp(plain))
