@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ...optics.vectors import dot
+
 SHARPEST = 1e-4
 """Least width of a spot's border, by cosines."""
 NARROWEST = 1e-3
@@ -30,7 +32,7 @@ class SpotBeam:
 
     def part(self, directions: np.ndarray) -> np.ndarray:
         """(N,) part of the light that goes in unit directions (N, 3)."""
-        share = np.clip((directions @ self.axis - self.cosine) / self.border, 0.0, 1.0)
+        share = np.clip((dot(directions.T, self.axis) - self.cosine) / self.border, 0.0, 1.0)
         return share * share * (3.0 - 2.0 * share)
 
 
@@ -49,7 +51,7 @@ class SpreadBeam:
 
     def part(self, directions: np.ndarray) -> np.ndarray:
         """(N,) by what radiance in unit directions (N, 3) is more than that of a bare lamp."""
-        ahead = directions @ self.axis
+        ahead = dot(directions.T, self.axis)
         aside = np.sqrt(np.maximum(1.0 - ahead * ahead, 0.0))
         tangent = np.tan(self.half)
         slope = aside / np.maximum(ahead, np.finfo(float).tiny)

@@ -161,23 +161,27 @@ class FinerRays:
         stay = np.flatnonzero(settled | ~self._rough[pixel])
         within = stay[self._rough[pixel[stay]] & (not follower.rough)]
         self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
-        count = np.ones(len(stay), np.int32)
         own = ends.stretched[stay]
         own = np.where(own > STEADY, np.minimum(most[pixel[stay]], FAINTER * own), 0.0)
-        for many, least in self._tiers:
-            count[own > least] = many
+        count = self._places(own)
         self.kept, self.share = np.repeat(stay, count), np.repeat(1.0 / count, count)
         self.offset = self._offsets(count)
         self._known = pixel[self.kept].astype(np.int32)
         if follower.rough:
-            rays = np.ones(len(most))
-            for many, least in self._tiers:
-                rays[self._ends > least] = many + 1
-            self.share /= rays[self._known]
+            # The centre's ray is one more.
+            rays = self._places(self._ends)
+            self.share /= (rays + (rays > 1))[self._known]
         # Of no ways at all NumPy counts in whole numbers.
         light = self.share * coarse.ways.weight[self.kept]
         self._brought = np.bincount(self._known, light, len(most)).astype(float)
         self._wanted = self._brought.copy()
+
+    def _places(self, light: np.ndarray) -> np.ndarray:
+        """(N,) places in a pixel, by the part of its light (N,) that ends or is stretched."""
+        count = np.ones(len(light), np.int32)
+        for many, least in self._tiers:
+            count[light > least] = many
+        return count
 
     def _offsets(self, count: np.ndarray) -> np.ndarray:
         """(K', 2) pixels from the centre, of ways by how often they are looked up."""

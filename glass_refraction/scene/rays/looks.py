@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ..read.node_ends import leading_node
 from .beams import Beam
 
 GLOSSY = 0.3
@@ -101,10 +102,8 @@ def hole_look(_material: bpy.types.Material | None) -> Look:
 
 def softbox_look(material: bpy.types.Material | None) -> Look | None:
     """The look of what is hidden from cameras: that of a lamp if it emits one colour, else None."""
-    end = material.node_tree.get_output_node("ALL") if material and material.node_tree else None
-    links = end.inputs["Surface"].links if end is not None else ()
-    node = links[0].from_node if links and not links[0].is_muted else None
-    if node is None or node.type != "EMISSION" or node.mute:
+    node = leading_node(material and material.node_tree, "Surface", "EMISSION")
+    if node is None:
         return None
     if node.inputs["Color"].is_linked or node.inputs["Strength"].is_linked:
         return None

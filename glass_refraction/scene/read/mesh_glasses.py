@@ -13,6 +13,7 @@ import numpy as np
 
 from ..names import own
 from .arrays import corner_normals, positions, read_attribute
+from .node_ends import leading_node
 
 CORNER_NORMAL = "rg_corner_normal"
 """Attribute of the loose points, three a triangle, that the modifier leaves of a mesh where it
@@ -179,10 +180,9 @@ def volume_absorption(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> 
     material = next(iter(glassy_materials(obj)), None)
     if material is None:
         return np.zeros(3)
-    end = material.evaluated_get(depsgraph).node_tree.get_output_node("ALL")
-    links = end.inputs["Volume"].links if end is not None else ()
-    node = links[0].from_node if links and not links[0].is_muted else None
-    if node is None or node.type != "VOLUME_ABSORPTION" or node.mute:
+    tree = material.evaluated_get(depsgraph).node_tree
+    node = leading_node(tree, "Volume", "VOLUME_ABSORPTION")
+    if node is None:
         return np.zeros(3)
     return max(_value(node, "Density"), 0.0) * (1.0 - _colour(node, "Color"))
 
