@@ -327,7 +327,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         matrices.is_perspective,
     )
     key = (scene.session_uid, generation(scene), space.local_view is not None)
-    looks = _looks(space)
+    looks = _looks(space, scene.render.engine)
     displaces = settings.shading == "DISPLACED"
     if (view.displaced is not None) != displaces:
         view.displaced = Displaced() if displaces else None
@@ -555,9 +555,12 @@ _LOOKS = (
 )
 
 
-def _looks(space: bpy.types.SpaceView3D) -> tuple:
-    """The settings of a view that its captures depend on; the first is the shading's type."""
-    found = (getattr(space.shading, name, None) for name in _LOOKS)
+def _looks(space: bpy.types.SpaceView3D, engine: str) -> tuple:
+    """The settings of a view that its captures depend on; the first is the shading's type, the last
+    the engine of Rendered shading.
+    """
+    found = [getattr(space.shading, name, None) for name in _LOOKS]
+    found.append(engine if space.shading.type == "RENDERED" else None)
     return tuple(v if isinstance(v, str | int | float | None) else tuple(v) for v in found)
 
 

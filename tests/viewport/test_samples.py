@@ -99,3 +99,12 @@ def test_a_glance_reads_a_small_part():
     shown = _Shown(np.zeros((700, 1000, 4), np.float32))
     paint.Direct().glance(shown, size)
     assert shown.read < 0.03 * 1000 * 700
+
+
+def test_captures_of_another_engine_are_drawn_anew():
+    """Cycles draws nothing off-screen: what it left stayed, black, in EEVEE's captures."""
+    rendered = SimpleNamespace(shading=SimpleNamespace(type="RENDERED"))
+    solid = SimpleNamespace(shading=SimpleNamespace(type="SOLID"))
+    engines = "CYCLES", "BLENDER_EEVEE"
+    assert len({views._looks(rendered, engine) for engine in engines}) == 2
+    assert len({views._looks(solid, engine) for engine in engines}) == 1

@@ -219,8 +219,26 @@ class SumTree(_Lookups):
         else:
             # An opaque film: what a glass covers is opaque as well.
             through = self._math("ADD", through, self._math("SUBTRACT", 1.0, beside))
-        end = self._node("NodeGroupOutput")
-        self._link(self._with_alpha(whole, through), end.inputs["Image"])
+        switch = self._node("CompositorNodeSwitch")
+        self._link(self._is_as_large(direct.image), switch.inputs["Switch"])
+        self._link(start.outputs["Image"], switch.inputs["Off"])
+        self._link(self._with_alpha(whole, through), switch.inputs["On"])
+        self._link(switch.outputs["Image"], self._node("NodeGroupOutput").inputs["Image"])
+
+    def _is_as_large(self, image):
+        """Whether a picture has the size of those that the last frame wrote.
+
+        A 3D view that is composited has another. No capture is drawn for it: it passes as it is.
+        """
+        sizes = []
+        for one in (image, self._picture("spread")):
+            info = self._node("CompositorNodeImageInfo")
+            self._link(one, info.inputs["Image"])
+            sizes.append(info.outputs["Dimensions"])
+        apart = self._node("ShaderNodeVectorMath", operation="DISTANCE")
+        for size, target in zip(sizes, apart.inputs, strict=False):
+            self._link(size, target)
+        return self._math("LESS_THAN", apart.outputs["Value"], 0.5)
 
     def _layers(self, scene: bpy.types.Scene, layer: str | None = None):
         # In its own context: Blender would count the present scene as used once more, for ever.

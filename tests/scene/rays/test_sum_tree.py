@@ -5,7 +5,9 @@ import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
 
+from glass_refraction import handlers
 from glass_refraction.scene import update as door
 from glass_refraction.scene.names import own
 
@@ -45,3 +47,23 @@ def test_trees_of_views_go_with_the_whole():
     assert counts[0] == counts[2] < counts[1]
     door.withdraw(scene)
     assert len(_own_trees()) <= before
+
+
+def test_a_picture_of_another_size_than_the_last_frames_passes_as_it_is(tmp_path):
+    """Such as that of a 3D view that is composited; new pictures have four pixels a side."""
+    scenes.camera()
+    scenes.striped_wall()
+    scenes.glass(shape="SPHERE", radius=0.05, wall_thickness=0.0)
+    scene = scenes.settings(32, 24, samples=1, shading="TRUE")
+    door.prepare(scene, bpy.context.evaluated_depsgraph_get())
+    for name in ("render_init", "render_pre", "frame_change_post"):
+        getattr(bpy.app.handlers, name).clear()
+    try:
+        composited = scenes.picture(scene, tmp_path, "composited")
+        scene.compositing_node_group = None
+        plain = scenes.picture(scene, tmp_path, "plain")
+    finally:
+        handlers.unregister()
+        handlers.register()
+    assert plain.std() > 0.05
+    assert np.array_equal(composited, plain)
