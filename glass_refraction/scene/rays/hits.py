@@ -240,6 +240,7 @@ class Scene:
             local[sky] = view.turned(hits.direction[sky])
             near = np.where(hits.is_sky, 0.0, view.near)
         pixels, inside = view.project(local, near)
+        inside &= hits.is_sky | (-local[:, 2] < view.far)
         if view.is_parallel:
             towards = np.broadcast_to(view.forward, local.shape)
             length = 1.0

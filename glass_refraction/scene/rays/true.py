@@ -368,12 +368,14 @@ def _read(
     render = scene.render
     region = border_window(scene) if render.use_border else (0, 0, width, height)
     samples, name = samples_setting(scene)
+    camera = scene.camera.evaluated_get(depsgraph).data
     return FrameInput(
         glasses=glasses,
         things=read_things(depsgraph, left_out, mirrors, render.engine),
         sky=sky_of(user, tuple(suns), shown_world(user, depsgraph.view_layer)),
         view=view,
-        near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),
+        near=float(camera.clip_start),
+        far=float(camera.clip_end),
         region=region,
         aspect=render.pixel_aspect_y / render.pixel_aspect_x,
         engine=render.engine,
