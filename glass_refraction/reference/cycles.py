@@ -15,6 +15,7 @@ from .. import optics
 from ..scene.build.shaders import math_node
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
+from ..scene.read.light_linking import RECEIVERS, links_any
 from ..scene.read.mesh_glasses import CLEAR
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
@@ -139,16 +140,17 @@ def rendering_reference(
         materials: dict[tuple, bpy.types.Material] = {}
         for obj, glass in shown.items():
             _show_mesh(obj, glass, style, materials, temporary)
-        made = [
-            _glass_object(glass, style, materials, temporary)
+        made = {
+            _glass_object(glass, style, materials, temporary): [glass.name]
             for glass in alone
             if not glass.is_mesh
-        ]
+        }
         if joint:
-            made.append(_joint_object(joint, style, materials, temporary))
-        for obj in made:
+            made[_joint_object(joint, style, materials, temporary)] = list(together)
+        for obj, names in made.items():
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
             reference.collection.objects.link(obj)
+            _receive_as(obj, names)
         return (yield from rendering_picture(reference))
 
 
@@ -176,6 +178,22 @@ def _set(temporary: ExitStack, owner, name: str, value) -> None:
     """Set a property until ``temporary`` ends."""
     temporary.callback(setattr, owner, name, getattr(owner, name))
     setattr(owner, name, value)
+
+
+def _receive_as(obj: bpy.types.Object, names: list[str]) -> None:
+    """Have light linking take an object for the glasses that it stands for.
+
+    What is entered in the lamps' collections goes with the object.
+    """
+    for lamp in bpy.data.objects:
+        wanted = links_any(lamp, RECEIVERS, names)
+        if links_any(lamp, RECEIVERS, [obj.name]) == wanted:
+            continue
+        collection = lamp.light_linking.receiver_collection
+        if collection.is_editable:
+            collection.objects.link(obj)
+            link = collection.collection_objects[collection.objects.find(obj.name)]
+            link.light_linking.link_state = "INCLUDE" if wanted else "EXCLUDE"
 
 
 def _show_mesh(

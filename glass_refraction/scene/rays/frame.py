@@ -74,7 +74,7 @@ class FrameInput:
     Attributes
     ----------
     glasses : those that can be computed. things, sky : what rays meet beside them.
-    view : the camera. near : its clip start, metres. region : pixels that are rendered.
+    view : the camera. near, far : its clipping, metres. region : pixels that are rendered.
     aspect : height of a pixel over its width.
     engine, filter_size : of the user's render. samples : a pixel, of the direct picture.
     captures : captures at most. min_weight : part of a ray's light that ways must carry.
@@ -91,6 +91,7 @@ class FrameInput:
     sky: Sky
     view: Viewpoint
     near: float
+    far: float
     region: tuple[int, int, int, int]
     aspect: float
     engine: str
@@ -199,7 +200,7 @@ def compute(
         kept.sketches,
         CONTACT * scale,
     )
-    direct = direct_view(frame.view, frame.region, frame.near)
+    direct = direct_view(frame.view, frame.region, frame.near, frame.far)
     follower = _follower(frame, scene, bodies, meshes, kept)
     rays, views = _followed(frame, scene, direct, bodies, follower, scale, room)
     tell("adding up the light")

@@ -54,6 +54,8 @@ GRAZING = 1.0 / 64.0
 """A view that meets a surface at so much less than the way does, by sines, shows only streaks."""
 JUDGED = 20_000
 """Ways by which captures are compared."""
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+"""The golden ratio: fractions of its multiples are spread evenly and never come again."""
 LEAST_LENGTH = 1e-300
 """Metres: keeps a quotient finite."""
 LEAST_MATCH = 1e-3
@@ -240,6 +242,7 @@ class Scene:
             local[sky] = view.turned(hits.direction[sky])
             near = np.where(hits.is_sky, 0.0, view.near)
         pixels, inside = view.project(local, near)
+        inside &= hits.is_sky | (-local[:, 2] < view.far)
         if view.is_parallel:
             towards = np.broadcast_to(view.forward, local.shape)
             length = 1.0
@@ -356,9 +359,16 @@ def _choose(scene: Scene, views: dict[int, RadianceView], hits: Hits, rows, chos
         left = np.concatenate([left[:0], *lacking])
 
 
-def judged(count: int) -> np.ndarray:
-    """Numbers of the ways, of so many, by which captures are compared."""
-    return np.arange(0, count, max(1, count // JUDGED))
+def judged(count: int, wanted: int = JUDGED) -> np.ndarray:
+    """Numbers of the ways, of so many, by which captures are compared.
+
+    One in each of equal parts, all if they are fewer than twice those wanted. Each ray has its ways
+    in a row: where all have as many, every second or fourth way would be of one path alone. So the
+    places in the parts differ, by the golden ratio.
+    """
+    step = max(1, count // wanted)
+    parts = np.arange(count // step)
+    return parts * step + (step * (parts * GOLDEN % 1.0)).astype(int)
 
 
 def place_captures(
@@ -459,7 +469,7 @@ def _best_capture(
     light = np.bincount(kind, ways.weight, len(kinds))
     groups = [np.flatnonzero(kind == k) for k in np.argsort(-light, kind="stable")[:KINDS]]
     groups.append(np.arange(len(ways)))
-    groups = [group[:: max(1, len(group) // TRIED)] for group in groups]
+    groups = [group[judged(len(group), TRIED)] for group in groups]
     parts = [ways.take(group) for group in groups]
     some = parts[-1]
     tried = [(virtual_eye(p.origin, p.direction, p.weight), p) for p in parts]
@@ -473,14 +483,14 @@ def _best_capture(
     views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, some)]
     eyes = [_eye_before(hits.take(group), ways.weight[group]) for group in groups]
     views += [_capture_from(eye, some, direct, aspect, near) for eye in eyes if eye is not None]
-    judged = [(v, _quality(scene, v, hits, spacing)) for v in views if v is not None]
-    most = [gain(quality) for _, quality in judged]
+    rated = [(v, _quality(scene, v, hits, spacing)) for v in views if v is not None]
+    most = [gain(quality) for _, quality in rated]
     best, found = 0.0, None
     # No view adds more than if nothing hid its hits: most need no look.
     for number in np.argsort([-value for value in most], kind="stable"):
         if most[number] <= best:
             break
-        view, quality = judged[number]
+        view, quality = rated[number]
         quality = _seen(scene, view, hits, quality)
         if gain(quality) > best:
             best, found = gain(quality), (view, quality)
@@ -538,7 +548,7 @@ def place_skies(
     sky = np.flatnonzero(ways.is_sky & ~scene.is_known(ways))
     if not len(sky):
         return []
-    ways = ways.take(sky[:: max(1, len(sky) // TRIED)])
+    ways = ways.take(sky[judged(len(sky), TRIED)])
     total = ways.weight.sum()
     left = ways.take(np.flatnonzero(show(scene, views, ways).view == UNSEEN))
     found: list[RadianceView] = []

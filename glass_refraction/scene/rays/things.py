@@ -11,6 +11,7 @@ import numpy as np
 from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import positions
+from ..read.light_linking import RECEIVERS, links_any
 from .lamps import lamp_shape
 from .looks import Look, LookOf, hole_look, look_of, passed_look, softbox_look
 
@@ -68,14 +69,17 @@ class Things(Triangles):
         return np.array((self.points.min(axis=0), self.points.max(axis=0)))
 
 
-def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], engine: str) -> Things:
+def read_things(
+    depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], mirrors: frozenset[str], engine: str
+) -> Things:
     """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
 
     What is hidden from cameras and emits one colour is such a lamp: a softbox.
 
     Parameters
     ----------
-    left_out : names of objects that no ray meets here: the glasses.
+    left_out : names of objects that no ray meets here: glasses, of other scenes too.
+    mirrors : names of the glasses, whose light linking counts for lamps.
     engine : of the render; Workbench is lit by no lamps.
     """
     builder = _Builder()
@@ -88,7 +92,8 @@ def read_things(depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], engine
         if not instance.show_self:
             continue
         if obj.type == "LIGHT":
-            if engine != "BLENDER_WORKBENCH" and obj.visible_glossy:
+            is_mirrored = obj.visible_glossy and links_any(obj, RECEIVERS, mirrors)
+            if engine != "BLENDER_WORKBENCH" and is_mirrored:
                 builder.add_lamp(obj, np.array(instance.matrix_world, float), engine)
             continue
         look = hole_look if owner.holdout_get(view_layer=depsgraph.view_layer) else look_of

@@ -27,6 +27,7 @@ from ..names import TAG, hidden_name, own
 from ..progress import check
 from ..read.arrays import write_polygons
 from ..read.glasses import all_glasses, glass_modifier, glass_objects, read_glasses
+from ..read.light_linking import RECEIVERS, links_any
 from ..read.modifier_inputs import has_input, read_input
 from ..read.viewpoint import (
     Viewpoint,
@@ -354,10 +355,12 @@ def _read(
         for obj in bpy.data.objects
         if obj.type == "MESH" and glass_modifier(obj) is not None
     )
+    mirrors = frozenset(glass.name for glass in glasses)
     suns = []
     for instance in depsgraph.object_instances:
         obj = instance.object
-        if obj.type == "LIGHT" and obj.data.type == "SUN" and obj.visible_glossy:
+        is_sun = obj.type == "LIGHT" and obj.data.type == "SUN"
+        if is_sun and obj.visible_glossy and links_any(obj, RECEIVERS, mirrors):
             sun = sun_of(obj.data, np.array(instance.matrix_world, float), scene.render.engine)
             if sun is not None:
                 suns.append(sun)
@@ -365,12 +368,14 @@ def _read(
     render = scene.render
     region = border_window(scene) if render.use_border else (0, 0, width, height)
     samples, name = samples_setting(scene)
+    camera = scene.camera.evaluated_get(depsgraph).data
     return FrameInput(
         glasses=glasses,
-        things=read_things(depsgraph, left_out, render.engine),
+        things=read_things(depsgraph, left_out, mirrors, render.engine),
         sky=sky_of(user, tuple(suns), shown_world(user, depsgraph.view_layer)),
         view=view,
-        near=float(scene.camera.evaluated_get(depsgraph).data.clip_start),
+        near=float(camera.clip_start),
+        far=float(camera.clip_end),
         region=region,
         aspect=render.pixel_aspect_y / render.pixel_aspect_x,
         engine=render.engine,

@@ -39,7 +39,7 @@ class RadianceView:
     size : (width, height) of the whole frame, pixels.
     region : (x0, y0, x1, y1) pixels of the frame that are drawn.
     picture : (x0, y0, x1, y1) pixels of the frame that the picture holds.
-    near : metres before the eye, along the view direction, from where it sees.
+    near, far : metres before the eye, along the view direction, between which it sees things.
     is_parallel : orthographic.
     sky_only : it shows the world alone.
     """
@@ -53,12 +53,13 @@ class RadianceView:
     near: float
     is_parallel: bool = False
     sky_only: bool = False
+    far: float = np.inf
 
     @property
     def stamp(self) -> tuple:
         """The same for views that show the same of the same things."""
         arrays = (self.eye, self.to_camera, self.projection)
-        return (*(array.tobytes() for array in arrays), self.size, self.region, self.near)
+        return (*(array.tobytes() for array in arrays), self.size, self.region, self.near, self.far)
 
     @property
     def forward(self) -> np.ndarray:
@@ -160,7 +161,9 @@ class RadianceView:
         return self.eye + directions * skipped[:, None]
 
 
-def direct_view(view: Viewpoint, region: tuple[int, int, int, int], near: float) -> RadianceView:
+def direct_view(
+    view: Viewpoint, region: tuple[int, int, int, int], near: float, far: float
+) -> RadianceView:
     """The user's own camera."""
     return RadianceView(
         view.eye,
@@ -171,6 +174,7 @@ def direct_view(view: Viewpoint, region: tuple[int, int, int, int], near: float)
         view.window,
         near,
         view.is_parallel,
+        far=far,
     )
 
 

@@ -1037,3 +1037,33 @@ def test_a_scene_of_a_tenth_of_a_millimetre_looks_as_it_does_large(tmp_path):
             obj.scale *= 1e-3
     small = scenes.picture(scene, tmp_path, "small")
     assert np.abs(small - large)[_covered(scene)].mean() < 0.01
+
+
+@pytest.mark.parametrize("kind", ["AREA", "SUN"])
+@pytest.mark.parametrize("state", ["INCLUDE", "EXCLUDE"])
+def test_a_lamp_is_mirrored_by_glasses_that_its_light_linking_names(tmp_path, kind, state):
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    _world((0.0, 0.0, 0.0))
+    lamp = _lamp_before_a_pane(scene, kind)
+    mirrored = scenes.picture(scene, tmp_path)
+    pane = bpy.data.collections.new("Pane")
+    pane.objects.link(bpy.data.objects["Refractive Glass"])
+    pane.collection_objects[0].light_linking.link_state = state
+    lamp.light_linking.receiver_collection = pane
+    found = scenes.picture(scene, tmp_path, "linked")
+    assert mirrored[..., :3].max() > 0.01
+    wanted = mirrored[..., :3] * (state == "INCLUDE")
+    np.testing.assert_allclose(found[..., :3], wanted, atol=1e-5)
+    reference = _reference(scene, 1)[..., :3]
+    assert (reference.max() > 0.01) == (state == "INCLUDE")
+
+
+def test_what_the_camera_clips_is_seen_in_the_glass(tmp_path):
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2, clip_end=0.45)
+    scene = _scene(samples=8, surface="REFRACTION")
+    _world((0.0, 0.0, 0.0))
+    _wall(0.2, size=3.0)
+    scenes.glass(shape="SLAB", radius=0.03, wall_thickness=0.01).rotation_euler.x = np.pi / 2
+    found, _ = _against_cycles(scene, tmp_path, 25.0, samples=64)
+    assert found[0, 0, :3].max() == 0.0

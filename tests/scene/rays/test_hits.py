@@ -3,6 +3,7 @@
 
 import bpy
 import numpy as np
+import pytest
 import scenes
 
 from glass_refraction.scene import update as door
@@ -56,3 +57,14 @@ def test_light_that_no_view_shows_counts_by_its_part_of_the_picture(monkeypatch,
     assert rays[0] > 1.5 * rays[1]
     assert found[1] > 0.005
     assert abs(found[0] - found[1]) < 0.02 * found[1], found
+
+
+@pytest.mark.parametrize("period", range(1, 9))
+@pytest.mark.parametrize("count", [20_000, 85_929, 160_000, 1_000_003])
+def test_captures_are_judged_by_each_kind_of_way_alike(count, period):
+    """Where each ray has as many ways, every fourth of all would be of one path alone."""
+    rows = hits.judged(count)
+    assert (np.diff(rows) > 0).all() and rows[-1] < count
+    assert len(rows) >= min(count, 20_000)
+    kinds = np.bincount(rows % period, minlength=period) / len(rows)
+    np.testing.assert_allclose(kinds, 1.0 / period, rtol=0.02)

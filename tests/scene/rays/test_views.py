@@ -25,7 +25,7 @@ def _frame(size=(96, 64), aspect=(1.0, 1.0), border=None, crop=False, **camera):
         (render.border_max_x, render.border_max_y) = border[2:]
         region = border_window(scene)
     view = read_viewpoint(scene, scenes.depsgraph())
-    return scene, direct_view(view, region, 0.01)
+    return scene, direct_view(view, region, 0.01, 100.0)
 
 
 def _directions(random, towards, spread, count=400):

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which objects a lamp's light linking and shadow linking name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import bpy
+
+RECEIVERS, BLOCKERS = "receiver_collection", "blocker_collection"
+
+
+def links_any(lamp: bpy.types.Object, kind: str, names: Iterable[str]) -> bool:
+    """Whether a lamp counts any of these objects, by name, among its receivers or blockers.
+
+    Without a collection all objects are; with one that includes none, all but the excluded.
+    """
+    collection = getattr(lamp.light_linking, kind)
+    if collection is None:
+        return True
+    states = dict(_states(collection))
+    others = "EXCLUDE" if "INCLUDE" in states.values() else "INCLUDE"
+    return any(states.get(name, others) == "INCLUDE" for name in names)
+
+
+def _states(collection: bpy.types.Collection) -> Iterator[tuple[str, str]]:
+    """Name and link state of each object. A child collection's holds for all in it, unless the
+    object is in the collection itself, which counts last."""
+    for child, link in zip(collection.children, collection.collection_children, strict=True):
+        for obj in child.all_objects:
+            yield obj.name, link.light_linking.link_state
+    for obj, link in zip(collection.objects, collection.collection_objects, strict=True):
+        yield obj.name, link.light_linking.link_state
