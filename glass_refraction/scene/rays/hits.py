@@ -30,7 +30,7 @@ STRONG = 0.1
 """Part of a ray's light from which on the sharpest view is looked for."""
 FAINT_SKY = 0.002
 """Part of the sky's light: while less than this is unseen no further view of it is placed."""
-DISPENSABLE = 0.005
+DISPENSABLE = 0.0035
 """Part of all light: a capture without which less than this is unseen goes, see `DULLER` too."""
 DULLER = 0.0045
 """Part of all light, by `SEEN`: so much may be less fine without a capture that goes."""
