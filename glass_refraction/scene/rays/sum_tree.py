@@ -219,11 +219,21 @@ class SumTree(_Lookups):
         else:
             # An opaque film: what a glass covers is opaque as well.
             through = self._math("ADD", through, self._math("SUBTRACT", 1.0, beside))
+        fits = self._is_as_large(direct.image)
+        colour = self._switched(fits, whole, start.outputs["Image"])
+        alpha_shown = self._split(self._switched(fits, through, direct.alpha))
+        # Blender takes what a Switch gives for one value, and tells the user's next nodes so,
+        # unless a picture that is none takes part: here alpha's upper limit.
+        most = self._math("MAXIMUM", start.outputs["Alpha"], 1.0)
+        shown = self._with_alpha(colour, self._math("MINIMUM", alpha_shown, most))
+        self._link(shown, self._node("NodeGroupOutput").inputs["Image"])
+
+    def _switched(self, wanted, on, off):
+        """One of two pictures."""
         switch = self._node("CompositorNodeSwitch")
-        self._link(self._is_as_large(direct.image), switch.inputs["Switch"])
-        self._link(start.outputs["Image"], switch.inputs["Off"])
-        self._link(self._with_alpha(whole, through), switch.inputs["On"])
-        self._link(switch.outputs["Image"], self._node("NodeGroupOutput").inputs["Image"])
+        for name, socket in (("Switch", wanted), ("On", on), ("Off", off)):
+            self._link(socket, switch.inputs[name])
+        return switch.outputs["Image"]
 
     def _is_as_large(self, image):
         """Whether a picture has the size of those that the last frame wrote.
