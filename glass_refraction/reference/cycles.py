@@ -15,7 +15,7 @@ from .. import optics
 from ..scene.build.shaders import math_node
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
-from ..scene.read.light_linking import RECEIVERS, links_any
+from ..scene.read.light_linking import lights_any
 from ..scene.read.mesh_glasses import CLEAR
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
@@ -186,8 +186,8 @@ def _receive_as(obj: bpy.types.Object, names: list[str]) -> None:
     What is entered in the lamps' collections goes with the object.
     """
     for lamp in bpy.data.objects:
-        wanted = links_any(lamp, RECEIVERS, names)
-        if links_any(lamp, RECEIVERS, [obj.name]) == wanted:
+        wanted = lights_any(lamp, names)
+        if lights_any(lamp, [obj.name]) == wanted:
             continue
         collection = lamp.light_linking.receiver_collection
         if collection.is_editable:

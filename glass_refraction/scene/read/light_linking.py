@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which objects a lamp's light linking and shadow linking name."""
+"""Which objects a lamp's light linking names."""
 
 from __future__ import annotations
 
@@ -7,15 +7,13 @@ from collections.abc import Iterable, Iterator
 
 import bpy
 
-RECEIVERS, BLOCKERS = "receiver_collection", "blocker_collection"
 
-
-def links_any(lamp: bpy.types.Object, kind: str, names: Iterable[str]) -> bool:
-    """Whether a lamp counts any of these objects, by name, among its receivers or blockers.
+def lights_any(lamp: bpy.types.Object, names: Iterable[str]) -> bool:
+    """Whether a lamp counts any of these objects, by name, among its receivers.
 
     Without a collection all objects are; with one that includes none, all but the excluded.
     """
-    collection = getattr(lamp.light_linking, kind)
+    collection = lamp.light_linking.receiver_collection
     if collection is None:
         return True
     states = dict(_states(collection))
