@@ -11,7 +11,7 @@ import numpy as np
 from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import positions
-from ..read.light_linking import lights_any
+from ..read.light_linking import is_mirrored
 from .lamps import lamp_shape
 from .looks import Look, LookOf, hole_look, look_of, passed_look, softbox_look
 
@@ -92,8 +92,7 @@ def read_things(
         if not instance.show_self:
             continue
         if obj.type == "LIGHT":
-            is_mirrored = obj.visible_glossy and lights_any(obj, mirrors)
-            if engine != "BLENDER_WORKBENCH" and is_mirrored:
+            if engine != "BLENDER_WORKBENCH" and is_mirrored(obj, mirrors):
                 builder.add_lamp(obj, np.array(instance.matrix_world, float), engine)
             continue
         look = hole_look if owner.holdout_get(view_layer=depsgraph.view_layer) else look_of

@@ -27,7 +27,7 @@ from ..names import TAG, hidden_name, own
 from ..progress import check
 from ..read.arrays import write_polygons
 from ..read.glasses import all_glasses, glass_modifier, glass_objects, read_glasses
-from ..read.light_linking import lights_any
+from ..read.light_linking import is_mirrored
 from ..read.modifier_inputs import has_input, read_input
 from ..read.viewpoint import (
     Viewpoint,
@@ -360,7 +360,7 @@ def _read(
     for instance in depsgraph.object_instances:
         obj = instance.object
         is_sun = obj.type == "LIGHT" and obj.data.type == "SUN"
-        if is_sun and obj.visible_glossy and lights_any(obj, mirrors):
+        if is_sun and is_mirrored(obj, mirrors):
             sun = sun_of(obj.data, np.array(instance.matrix_world, float), scene.render.engine)
             if sun is not None:
                 suns.append(sun)

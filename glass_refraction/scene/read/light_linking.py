@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which objects a lamp's light linking names."""
+"""Which objects a lamp lights, and is mirrored in."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
 import bpy
+
+
+def is_mirrored(lamp: bpy.types.Object, glasses: Iterable[str]) -> bool:
+    """Whether one of the glasses, by name, shows a lamp: glossy rays see it, and it lights one."""
+    return lamp.visible_glossy and lights_any(lamp, glasses)
 
 
 def lights_any(lamp: bpy.types.Object, names: Iterable[str]) -> bool:
