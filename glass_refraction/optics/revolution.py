@@ -233,11 +233,15 @@ def _radius_at(profile: Profile, radius: float, height: float) -> float:
 
 def _encloses(outline: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which places (M, 2) lie between an outline and the axis, by the even-odd rule."""
+    # By height, a piece of the outline spans places that follow one another.
+    order = np.argsort(places[:, 1], kind="stable")
+    r, z = places[order].T
+    ends = np.searchsorted(z, outline[:, 1])
     inside = np.zeros(len(places), dtype=bool)
-    r, z = places[:, 0], places[:, 1]
-    for (r0, z0), (r1, z1) in pairwise(outline):
-        if z0 == z1:
-            continue
-        spans = (z0 > z) != (z1 > z)
-        inside ^= spans & (r < r0 + (z - z0) * ((r1 - r0) / (z1 - z0)))
-    return inside
+    for ((r0, z0), (r1, z1)), some in zip(pairwise(outline), pairwise(ends), strict=True):
+        spans = slice(min(some), max(some))
+        if spans.start < spans.stop:
+            inside[spans] ^= r[spans] < r0 + (z[spans] - z0) * ((r1 - r0) / (z1 - z0))
+    found = np.empty_like(inside)
+    found[order] = inside
+    return found

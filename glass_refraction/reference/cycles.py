@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import bpy
 import numpy as np
@@ -20,7 +21,7 @@ from ..scene.read.mesh_glasses import CLEAR
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .glass_mesh import Surface, fill_mesh, glass_surfaces
-from .interfaces import interfaces, overlapping
+from .interfaces import Interfaces, interfaces, near_shells, overlapping
 from .picture import Request, finished, rendering_picture
 
 SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefraction"}
@@ -129,8 +130,9 @@ def rendering_reference(
     rough = any(mesh.description.roughness > 0.0 for mesh in meshes.values())
     style = _Style(surface, glass_shadows, rough)
     with _reference_scene(scene) as reference, ExitStack() as temporary:
-        together = overlapping(glasses)
-        joint = [glass for glass in glasses if glass.name in together]
+        shells = near_shells(glasses)
+        together = yield partial(overlapping, shells)
+        joint = [shell for shell in shells if shell.glass.name in together]
         alone = [glass for glass in glasses if glass.name not in together]
         shown = {obj: glass for obj, glass in meshes.items() if glass.name not in together}
         for obj in (*closed, *(obj for obj in meshes if obj not in shown)):
@@ -146,7 +148,9 @@ def rendering_reference(
             if not glass.is_mesh
         }
         if joint:
-            made[_joint_object(joint, style, materials, temporary)] = list(together)
+            found = yield partial(interfaces, joint)
+            owners = [shell.glass for shell in joint]
+            made[_joint_object(owners, found, style, materials, temporary)] = list(together)
         for obj, names in made.items():
             obj.visible_shadow = obj.visible_diffuse = glass_shadows
             reference.collection.objects.link(obj)
@@ -351,12 +355,12 @@ def _glass_object(
 
 def _joint_object(
     glasses: Sequence[Glass],
+    found: Interfaces,
     style: _Style,
     materials: dict[tuple, bpy.types.Material],
     temporary: ExitStack,
 ) -> bpy.types.Object:
     """One object of all interfaces of glasses that overlap."""
-    found = interfaces(glasses)
     tinted = bool(found.absorption.any())
     rows = np.column_stack((found.glass, found.ior, found.absorption.reshape(-1, 6)))
     rows, of_row = np.unique(rows, axis=0, return_inverse=True)

@@ -10,9 +10,10 @@ each other the one of the lower rank.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import bpy
 import numpy as np
@@ -72,11 +73,14 @@ class Interfaces:
     absorption: np.ndarray
 
 
-class _Shell:
-    """A glass's triangles in the world, and a tree of them in a frame in which they are near 1."""
+class Shell:
+    """A glass's triangles in the world, and a tree of them in a frame in which they are near 1.
+
+    Once it is made it reads nothing of Blender's: what is done with it may run in a thread.
+    """
 
     def __init__(self, glass: Glass, placed: optics.Placed) -> None:
-        self.placed = placed
+        self.glass, self.placed = glass, placed
         if glass.is_mesh:
             self.points, self.normals = glass.description.points, glass.description.normals
         else:
@@ -92,6 +96,17 @@ class _Shell:
     def local(self, points: np.ndarray) -> np.ndarray:
         """World points in the tree's frame."""
         return (points - self.box[0]) / self._scale
+
+    @cached_property
+    def boxes(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """See `_boxes`."""
+        return _boxes(self.points)
+
+    @cached_property
+    def planes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of its triangles: normals (T, 3), as long as twice their areas, and (T,) what distances
+        along these count as none."""
+        return _planes(self.points)
 
     @cached_property
     def tree(self) -> BVHTree:
@@ -135,25 +150,25 @@ def _closed_form(glass: Glass) -> tuple[np.ndarray, np.ndarray]:
         bpy.data.meshes.remove(mesh)
 
 
-def overlapping(glasses: Sequence[Glass]) -> frozenset[str]:
-    """Names of the glasses that run through another one, or lie in one or on one."""
+def near_shells(glasses: Sequence[Glass]) -> list[Shell]:
+    """Of the glasses with bounds whose boxes touch that of another one, and of all of their names:
+    instances share one."""
     bounded = [glass for glass in glasses if as_body(glass) is not None]
     bodies = [as_body(glass) for glass in bounded]
-    boxes = [_box(body) for body in bodies]
-    near = [
-        (a, b)
-        for b in range(len(bodies))
-        for a in range(b)
-        if np.all((boxes[a][0] <= boxes[b][1]) & (boxes[a][1] >= boxes[b][0]))
-    ]
-    if not near:
-        return frozenset()
-    placed = placed_glasses(bodies)
-    shells = {n: _Shell(bounded[n], placed[n]) for n in sorted({n for pair in near for n in pair})}
-    found = set()
-    for pair in near:
-        names = {bounded[n].name for n in pair}
-        if not names <= found and _touch(*(shells[n] for n in pair)):
+    boxes = np.array([_box(body) for body in bodies]).reshape(-1, 2, 3)
+    touch = (boxes[:, None, 0] <= boxes[:, 1]) & (boxes[:, None, 1] >= boxes[:, 0])
+    near = touch.all(axis=2).sum(axis=1) > 1
+    names = {bounded[number].name for number in np.flatnonzero(near)}
+    pairs = zip(bounded, placed_glasses(bodies), strict=True)
+    return [Shell(glass, placed) for glass, placed in pairs if glass.name in names]
+
+
+def overlapping(shells: Sequence[Shell]) -> frozenset[str]:
+    """Names of the glasses that run through another one, or lie in one or on one."""
+    found: set[str] = set()
+    for one, other in combinations(shells, 2):
+        names = {one.glass.name, other.glass.name}
+        if not names <= found and _touch(one, other):
             found |= names
     return frozenset(found)
 
@@ -165,32 +180,23 @@ def _box(body: Glass) -> np.ndarray:
     return np.array((corners.min(axis=0), corners.max(axis=0)))
 
 
-def _touch(one: _Shell, other: _Shell) -> bool:
+def _touch(one: Shell, other: Shell) -> bool:
     """Whether two glasses run through each other or touch, or one is in the other."""
-    if len(_cuts(one, other)[0]):
+    if any(len(numbers) for numbers, _ in _lines(one, other)):
         return True
     return any(a.medium_at(b.points[:, 0]).any() for a, b in ((one, other), (other, one)))
 
 
-def interfaces(glasses: Sequence[Glass]) -> Interfaces:
-    """The interfaces of glasses that may overlap; numbers of glasses are those of the list.
-
-    Raises
-    ------
-    ValueError
-        A glass has no bounds.
-    """
-    bodies = [as_body(glass) for glass in glasses]
-    if None in bodies:
-        raise ValueError("glasses must have bounds")
-    placed = placed_glasses(bodies)
+def interfaces(shells: Sequence[Shell]) -> Interfaces:
+    """The interfaces of glasses that may overlap; numbers of glasses are those of the list."""
+    placed = [shell.placed for shell in shells]
     media = optics.Media(placed)
-    shells = [_Shell(glass, one) for glass, one in zip(glasses, placed, strict=True)]
     skin = SKIN * float(np.ptp(np.concatenate([shell.box for shell in shells]), axis=0).max())
-    parts = [
-        _pieces(shell, [_cuts(shell, other) for other in shells if other is not shell])
-        for shell in shells
-    ]
+    cuts: list[list] = [[] for _ in shells]
+    for one, other in combinations(range(len(shells)), 2):
+        for found, cut in zip((one, other), _cuts(shells[one], shells[other]), strict=True):
+            cuts[found].append(cut)
+    parts = [_pieces(*pair) for pair in zip(shells, cuts, strict=True)]
     owner = np.repeat(np.arange(len(parts)), [len(points) for points, _ in parts])
     points, normals = (np.concatenate(part) for part in zip(*parts, strict=True))
     flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
@@ -223,7 +229,7 @@ def interfaces(glasses: Sequence[Glass]) -> Interfaces:
 
 
 def _pieces(
-    shell: _Shell, cuts: Sequence[tuple[np.ndarray, np.ndarray]]
+    shell: Shell, cuts: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points and unit normals (P, 3, 3) of a glass's triangles, cut along lines (see `_cuts`)."""
     triangle = np.concatenate([part for part, _ in cuts] or [np.zeros(0, int)])
@@ -243,39 +249,71 @@ def _pieces(
     return points, normals / np.linalg.norm(normals, axis=2, keepdims=True)
 
 
-def _cuts(shell: _Shell, other: _Shell) -> tuple[np.ndarray, np.ndarray]:
-    """Lines along which another glass cuts triangles: their numbers (N,), and ends (N, 2, 2).
+def _cuts(one: Shell, other: Shell) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Lines along which two glasses cut each other's triangles: of each glass the numbers (N,) of
+    its triangles, and ends (N, 2, 2).
 
     The ends are shares of the triangle's second and third corner.
     """
-    found = [np.zeros(0, int)], [np.zeros((0, 2, 2))]
-    near = _near(shell.points, other.points)
+    pairs, ends = np.zeros((0, 2), int), np.zeros((0, 2, 3))
+    found = [(pairs, ends), *_lines(one, other)]
+    pairs, ends = (np.concatenate(part) for part in zip(*found, strict=True))
+    sides = zip((one, other), pairs.T, strict=True)
+    return [(numbers, _shares(shell.points[numbers], ends)) for shell, numbers in sides]
+
+
+def _lines(one: Shell, other: Shell) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Numbers (N, 2) of two glasses' triangles that cut each other, and the ends (N, 2, 3) of the
+    lines along which they do, some at a time."""
+    near = _near(one, other)
     for begin in range(0, len(near), PAIRS):
         pairs = near[begin : begin + PAIRS]
-        mine, theirs = shell.points[pairs[:, 0]], other.points[pairs[:, 1]]
+        # Most lie all on one side of each other's planes.
+        pairs = pairs[~_beside(one, other, pairs)]
+        pairs = pairs[~_beside(other, one, pairs[:, ::-1])]
+        mine, theirs = one.points[pairs[:, 0]], other.points[pairs[:, 1]]
+        planes = [
+            [part[numbers] for part in shell.planes]
+            for shell, numbers in zip((one, other), pairs.T, strict=True)
+        ]
         # Where an edge of either runs through the other: of up to six places two are the ends.
         places, met = [], []
-        for edges, faces in ((mine, theirs), (theirs, mine)):
+        for edges, faces, plane in ((mine, theirs, planes[1]), (theirs, mine, planes[0])):
             for corner in range(3):
-                place, on = _through(edges[:, corner], edges[:, (corner + 1) % 3], faces)
+                place, on = _through(edges[:, corner], edges[:, (corner + 1) % 3], faces, *plane)
                 places.append(place)
                 met.append(on)
         places, met = np.stack(places, axis=1), np.stack(met, axis=1)
+        some = np.flatnonzero(met.sum(axis=1) > 1)
+        pairs, places, met = pairs[some], places[some], met[some]
         apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
         apart[~(met[:, :, None] & met[:, None])] = -1.0
         far = apart.reshape(len(pairs), places.shape[1] ** 2)
         ends = np.stack(np.unravel_index(far.argmax(axis=1), apart.shape[1:]), axis=1)
         cut = np.flatnonzero(far.max(axis=1, initial=-1.0) > 0.0)
-        chosen = places[cut[:, None], ends[cut]]
-        found[0].append(pairs[cut, 0])
-        found[1].append(_shares(mine[cut], chosen))
-    return np.concatenate(found[0]), np.concatenate(found[1])
+        yield pairs[cut], places[cut[:, None], ends[cut]]
 
 
-def _near(mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Pairs (N, 2) of numbers of triangles (T, 3, 3) whose boxes touch."""
-    slack = SNAP * float(max(np.ptp(part, axis=(0, 1)).max() for part in (mine, theirs)))
-    trees = [_boxes(part) for part in (mine, theirs)]
+def _planes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """See `Shell.planes`; points (T, 3, 3)."""
+    edges = points[:, 1:] - points[:, :1]
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    # What rounding may put off the plane is on it.
+    return normal, SNAP * np.linalg.norm(normal, axis=1) * np.abs(edges).max(axis=(1, 2))
+
+
+def _beside(one: Shell, other: Shell, pairs: np.ndarray) -> np.ndarray:
+    """(N,) whether triangles of one glass lie all on one side of the other's, by pairs (N, 2)."""
+    normal, least = (part[pairs[:, 1]] for part in other.planes)
+    corners = one.points[pairs[:, 0]] - other.points[pairs[:, 1], :1]
+    off = np.einsum("nk,njk->nj", normal, corners)
+    return (off > least[:, None]).all(axis=1) | (off < -least[:, None]).all(axis=1)
+
+
+def _near(mine: Shell, theirs: Shell) -> np.ndarray:
+    """Pairs (N, 2) of numbers of two glasses' triangles whose boxes touch."""
+    slack = SNAP * float(max(np.ptp(shell.box, axis=0).max() for shell in (mine, theirs)))
+    trees = [mine.boxes, theirs.boxes]
     levels = [len(boxes) - 1 for _, boxes in trees]
     pairs = np.zeros((2, 1), int)
     while True:
@@ -324,15 +362,15 @@ def _boxes(points: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     return order, boxes
 
 
-def _through(begin: np.ndarray, end: np.ndarray, faces: np.ndarray) -> tuple:
+def _through(
+    begin: np.ndarray, end: np.ndarray, faces: np.ndarray, normal: np.ndarray, least: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Where lines (N, 3) to (N, 3) run through triangles (N, 3, 3), and (N,) whether they do.
 
-    A line that ends on a triangle does; one in its plane does not.
+    A line that ends on a triangle does; one in its plane does not. For the planes see
+    `Shell.planes`.
     """
-    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     before, behind = (np.einsum("nk,nk->n", normal, place - faces[:, 0]) for place in (begin, end))
-    # What rounding may put off the plane is on it.
-    least = SNAP * np.linalg.norm(normal, axis=1) * np.abs(faces - faces[:, :1]).max(axis=(1, 2))
     before, behind = (np.where(np.abs(off) < least, 0.0, off) for off in (before, behind))
     crosses = (np.sign(before) * np.sign(behind) <= 0.0) & (before != behind)
     step = np.where(crosses, before - behind, 1.0)

@@ -10,7 +10,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from glass_refraction.optics import SphereGlass  # noqa: E402
-from glass_refraction.reference.interfaces import interfaces, overlapping  # noqa: E402
+from glass_refraction.reference.interfaces import interfaces, near_shells, overlapping  # noqa: E402
 from glass_refraction.scene.read.glasses import Glass  # noqa: E402
 from glass_refraction.scene.read.mesh_glasses import MeshGlass  # noqa: E402
 
@@ -66,7 +66,7 @@ def test_boxes_that_overlap_have_each_border_once(first):
     move = np.array((0.5, 0.4, 0.3))
     glass = box(APART, np.add(APART, 1.0), GLASS, "glass", priority=int(first == GLASS))
     water = box(APART + move, APART + move + 1.0, WATER, "water", priority=int(first == WATER))
-    found = interfaces([glass, water])
+    found = interfaces(near_shells([glass, water]))
     x, y, z = 1.0 - move
     within = x * y + y * z + z * x
     high, low = (GLASS, WATER) if first == GLASS else (WATER, GLASS)
@@ -94,9 +94,9 @@ def test_boxes_that_overlap_have_each_border_once(first):
 def test_water_that_touches_its_glass_or_runs_into_it_a_little_has_one_border(overlap, turn):
     glass = turned(box((0, 0, 0), (1, 1, 1), GLASS, "glass", priority=1), turn)
     water = turned(box((0.2, 0.2, 1 - overlap), (0.7, 0.7, 2), WATER, "water"), turn)
-    assert overlapping([glass, water]) == {"glass", "water"}
+    assert overlapping(near_shells([glass, water])) == {"glass", "water"}
     # What lies nearer than the skin counts as touching.
-    found = areas(interfaces([glass, water]))
+    found = areas(interfaces(near_shells([glass, water])))
     assert found.pop((0, round(GLASS / WATER, 6))) == pytest.approx(0.25, abs=1e-4)
     assert found.pop((0, GLASS)) == pytest.approx(5.75, abs=1e-4)
     assert found.pop((1, WATER)) == pytest.approx(2.25, abs=1e-4)
@@ -120,8 +120,8 @@ def test_of_equal_priorities_the_inner_glass_is_seen(order):
     tank = box((0, 0, 0), (1, 1, 1), WATER, "tank", tint=tint)
     ball = Glass("ball", SphereGlass((0.2,), (1.7,)), pose, CLEAR)
     glasses = [tank, ball][::order]
-    assert overlapping(glasses) == {"tank", "ball"}
-    found = interfaces(glasses)
+    assert overlapping(near_shells(glasses)) == {"tank", "ball"}
+    found = interfaces(near_shells(glasses))
     sizes = areas(found)
     marble = glasses.index(ball)
     assert sizes[(1 - marble, WATER)] == pytest.approx(6.0)
@@ -134,7 +134,7 @@ def test_of_equal_priorities_the_inner_glass_is_seen(order):
 
 def test_what_is_hidden_in_a_higher_priority_is_left_out():
     tank = box((0, 0, 0), (1, 1, 1), WATER, "tank", priority=1)
-    found = interfaces([tank, box((0.3,) * 3, (0.6,) * 3, GLASS, "hidden")])
+    found = interfaces(near_shells([tank, box((0.3,) * 3, (0.6,) * 3, GLASS, "hidden")]))
     assert areas(found) == pytest.approx({(0, WATER): 6.0})
 
 
@@ -143,8 +143,8 @@ def test_glasses_apart_do_not_overlap_even_if_their_boxes_do():
     pose[:3, 3] = 0.9
     near = Glass("near", SphereGlass((0.5,), (1.5,)), pose, CLEAR)
     far = Glass("far", SphereGlass((1.0,), (1.5,)), np.eye(4), CLEAR)
-    assert overlapping([near, far]) == frozenset()
+    assert overlapping(near_shells([near, far])) == frozenset()
     pose = np.eye(4)
     pose[:3, 3] = 0.8
     nearer = Glass("nearer", near.description, pose, CLEAR)
-    assert overlapping([nearer, far]) == {"nearer", "far"}
+    assert overlapping(near_shells([nearer, far])) == {"nearer", "far"}
