@@ -268,9 +268,10 @@ def _lines(one: Shell, other: Shell) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     near = _near(one, other)
     for begin in range(0, len(near), PAIRS):
         pairs = near[begin : begin + PAIRS]
-        # Most lie all on one side of each other's planes.
-        pairs = pairs[~_beside(one, other, pairs)]
-        pairs = pairs[~_beside(other, one, pairs[:, ::-1])]
+        # Most lie all on one side of each other's planes, or in these.
+        sides = np.stack((_sides(one, other, pairs), _sides(other, one, pairs[:, ::-1])))
+        beside = (sides == 1).all(axis=2) | (sides == -1).all(axis=2)
+        pairs = pairs[~(beside.any(axis=0) | (sides == 0).all(axis=(0, 2)))]
         mine, theirs = one.points[pairs[:, 0]], other.points[pairs[:, 1]]
         planes = [
             [part[numbers] for part in shell.planes]
@@ -302,12 +303,13 @@ def _planes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return normal, SNAP * np.linalg.norm(normal, axis=1) * np.abs(edges).max(axis=(1, 2))
 
 
-def _beside(one: Shell, other: Shell, pairs: np.ndarray) -> np.ndarray:
-    """(N,) whether triangles of one glass lie all on one side of the other's, by pairs (N, 2)."""
+def _sides(one: Shell, other: Shell, pairs: np.ndarray) -> np.ndarray:
+    """(N, 3) on which side, 1 or -1, of the other glass's triangles the corners of one's lie, by
+    pairs (N, 2); 0: in their plane."""
     normal, least = (part[pairs[:, 1]] for part in other.planes)
     corners = one.points[pairs[:, 0]] - other.points[pairs[:, 1], :1]
     off = np.einsum("nk,njk->nj", normal, corners)
-    return (off > least[:, None]).all(axis=1) | (off < -least[:, None]).all(axis=1)
+    return np.where(np.abs(off) < least[:, None], 0, np.sign(off)).astype(np.int8)
 
 
 def _near(mine: Shell, theirs: Shell) -> np.ndarray:

@@ -9,6 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+import glass_refraction.reference.interfaces as module  # noqa: E402
 from glass_refraction.optics import SphereGlass  # noqa: E402
 from glass_refraction.reference.interfaces import interfaces, near_shells, overlapping  # noqa: E402
 from glass_refraction.scene.read.glasses import Glass  # noqa: E402
@@ -148,3 +149,29 @@ def test_glasses_apart_do_not_overlap_even_if_their_boxes_do():
     pose[:3, 3] = 0.8
     nearer = Glass("nearer", near.description, pose, CLEAR)
     assert overlapping(near_shells([nearer, far])) == {"nearer", "far"}
+
+
+def tube(middle, name, facets=200):
+    """A mesh of slivers: an upright tube without ends, its faces outwards."""
+    angle = 2.0 * np.pi * np.arange(facets) / facets
+    ring = np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=1)
+    low, high = (np.add(ring, (middle, 0.0, z)) for z in (0.0, 5.0))
+    after = np.roll(np.arange(facets), -1)
+    points = np.concatenate(
+        [np.stack((low, low[after], high), 1), np.stack((high, low[after], high[after]), 1)]
+    )
+    normals = np.repeat(np.tile(ring, (2, 1))[:, None], 3, axis=1)
+    return Glass(name, MeshGlass(points, normals, GLASS), np.eye(4), CLEAR)
+
+
+def test_only_triangles_that_may_cut_each_other_are_cut(monkeypatch):
+    """Boxes of slivers touch those of many more: glasses of such once took minutes."""
+    cut = []
+    through = module._through
+    monkeypatch.setattr(
+        module, "_through", lambda begin, *rest: cut.append(len(begin)) or through(begin, *rest)
+    )
+    shells = near_shells([tube(0.0, "one"), tube(0.02, "other")])
+    pairs, edges = len(module._near(*shells)), 6
+    assert sum(map(len, module._cuts(*shells)[0])) > 0
+    assert sum(cut) < edges * pairs / 4
