@@ -91,3 +91,32 @@ def test_white_is_clear_and_black_is_not_infinite():
     eye, direction = np.array((0.0, -1.0, 0.0)), np.array([(0.0, 1.0, 0.0)])
     seen = found.transmittance(eye, direction, optics.LightPath("TT"))
     np.testing.assert_array_equal(seen, 0.0)
+
+
+@pytest.mark.parametrize("touching", [False, True])
+def test_the_outline_of_a_thing_before_coloured_glass_mixes_it_with_no_white(tmp_path, touching):
+    """A black star before a pane, in white light: in each pixel the pane's colour, as much as the
+    picture without glass has of white. Half of that once came unchanged."""
+    scenes.camera(location=(0.0, 0.0, 0.5), tilt=0.0, lens=150.0)
+    scene = scenes.settings(80, 60, samples=256, surface="REFRACTION", shading="TRUE")
+    bpy.ops.mesh.primitive_plane_add(size=1.0, location=(0.0, 0.0, -0.1))
+    bpy.context.object.data.materials.append(scenes.emissive("white", (1.0, 1.0, 1.0)))
+    bpy.ops.mesh.primitive_circle_add(
+        vertices=5, radius=0.03, fill_type="NGON", location=(0.0, 0.0, 0.02), rotation=(0, 0, 0.2)
+    )
+    bpy.context.object.data.materials.append(scenes.emissive("black", (0.0, 0.0, 0.0)))
+    if touching:
+        # A thing that runs into the pane, so that rays look for things within it.
+        bpy.ops.mesh.primitive_cube_add(size=0.01, location=(0.2, 0.0, 0.0))
+    pane = scenes.glass(shape="SLAB", radius=0.3, wall_thickness=THICKNESS)
+    _tint(pane, COLOUR, THICKNESS)
+    found = scenes.picture(scene, tmp_path)[..., :3]
+    scene.refractive_glass.enabled = False
+    pane.hide_render = True
+    plain = scenes.picture(scene, tmp_path, "plain")[..., :3]
+    passed = found[plain.min(axis=-1) > 0.999].mean(axis=0)
+    np.testing.assert_allclose(passed, COLOUR, atol=0.01)
+    outline = (plain.max(axis=-1) > 0.1) & (plain.min(axis=-1) < 0.9)
+    assert outline.sum() > 50
+    # What the thing's own pixels have of white at its border is left: a third of before.
+    assert np.abs(found[outline] - plain[outline] * passed).mean() < 0.08

@@ -218,7 +218,12 @@ class FinerRays:
                 self._brought[some] += light
                 self._wanted[some] = centre + light + left
                 pixel = np.repeat(some, count)
+                blank = np.flatnonzero(
+                    (lost == 0.0) & (np.bincount(ways.ray, minlength=len(lost)) == 0)
+                )
                 ways = ways.scaled(self._factor(some)[ways.ray // count])
+                # The picture of such a pixel also shows what is behind the glass, unrefracted.
+                ways = joined(Ways, (ways, self._follower.before(some, places, blank)))
                 share = np.full(len(lost), one)
                 yield PictureRays(pixel, share, np.zeros(len(lost)), ways)
 

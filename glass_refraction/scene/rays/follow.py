@@ -353,12 +353,50 @@ class Follower:
         if len(rays):
             origins, directions = self._rays(pixels, places)
             origins, directions = origins[rays], _unit(directions[rays])
-            entry = self._entry(origins, directions)
+            entry, _ = self._within(origins, directions)
             # Before the others there is not even a thing's box.
             near = np.flatnonzero(near_boxes(self.boxes, origins.T, directions.T, entry))
             distance, _ = self.eyes.cast(origins[near], directions[near])
             seen[rays[near]] = distance >= entry[near]
         return seen
+
+    def before(self, pixels: np.ndarray, places: np.ndarray, rays: np.ndarray) -> Ways:
+        """Ways to the things that some rays, of those of `blocks`, meet before a glass.
+
+        Parameters
+        ----------
+        rays : numbers of rays without light from a glass: a thing is before it, or none is there.
+        """
+        origins, directions = (part[rays] for part in self._rays(pixels, places))
+        directions = _unit(directions)
+        _, leave = self._within(origins, directions)
+        near = np.flatnonzero(near_boxes(self.boxes, origins.T, directions.T, leave))
+        distance, triangle = self.eyes.cast(origins[near], directions[near])
+        met = np.flatnonzero(distance < leave[near])
+        rows, distance, triangle = near[met], distance[met], triangle[met]
+        origins, directions = origins[rows], directions[rows]
+        ends = optics.exit_rays(
+            self.bands[0][1],
+            origins,
+            directions,
+            most_events=0,
+            meet=self.meshes.meet if self.meshes else None,
+            between=check,
+        )
+        found = np.flatnonzero(ends.lost)
+        count = len(found)
+        return Ways(
+            rays[rows[found]].astype(np.int32),
+            np.zeros(count, np.int64),
+            np.ones(count),
+            np.ones((count, 3)),
+            origins[found],
+            directions[found],
+            distance[found],
+            triangle[found].astype(np.int32),
+            np.zeros(count, np.int16),
+            np.zeros(count, bool),
+        )
 
     def _end(self, ways: Ways, rows: np.ndarray) -> None:
         """Let some ways end at the things that they meet, if that is not known yet."""
@@ -387,13 +425,15 @@ class Follower:
                 distance[rows], triangle[rows] = caster.cast(origins[rows], directions[rows])
         return distance, triangle
 
-    def _entry(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Metres (M,) at which rays come into the box round all glasses; 0 from within."""
+    def _within(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Metres (M,) at which rays come into the box round all glasses, 0 from within, and leave
+        it."""
         along = np.where(np.abs(directions) < 1e-300, 1e-300, directions)
         low, high = self.hull
         begin = (low + self._skin - origins) / along
         end = (high - self._skin - origins) / along
-        return np.maximum(np.minimum(begin, end).max(axis=1), 0.0)
+        near, far = np.minimum(begin, end), np.maximum(begin, end)
+        return np.maximum(near.max(axis=1), 0.0), far.min(axis=1)
 
 
 def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:

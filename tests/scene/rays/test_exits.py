@@ -74,6 +74,10 @@ class Following:
         rows = np.arange(len(ways))
         yield pixels, ways.take(unsettled(ways, rows, ways.ray, lost, pixels, settled)), lost
 
+    def before(self, pixels, places, rays):
+        """Nothing stands before the glasses."""
+        return sky_ways(rays[:0], np.zeros((0, 3)))
+
 
 def straight(origins, directions):
     """Follow nothing: each ray leaves as it came."""
