@@ -796,13 +796,31 @@ def test_motion_blur_is_rendered_or_told_of(tmp_path, engine):
     glass = scenes.glass(shape="CYLINDER")
     found = scenes.picture(scene, tmp_path)
     assert np.isfinite(found).all()
-    assert _problems(scene) == []
+    (line,) = _problems(scene)
+    assert '"Wall" may move' in line and "outline" in line
     for frame in (1, 3):
         glass.location.x = 0.01 * frame
         glass.keyframe_insert("location", frame=frame)
     found = scenes.picture(scene, tmp_path)
     assert np.isfinite(found).all()
     assert '"Refractive Glass" may move' in " ".join(_problems(scene))
+
+
+def test_motion_blur_is_told_of_what_moves_alone(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    wall = _wall()
+    scenes.glass(shape="CYLINDER")
+    holder = bpy.data.objects.new("Holder", None)
+    scene.collection.objects.link(holder)
+    wall.parent, scene.render.use_motion_blur = holder, True
+    # Its colour is keyed, not its place.
+    wall.keyframe_insert("color", frame=1)
+    scenes.picture(scene, tmp_path)
+    assert _problems(scene) == []
+    holder.keyframe_insert("location", frame=1)
+    scenes.picture(scene, tmp_path)
+    assert '"Wall" may move' in " ".join(_problems(scene))
 
 
 # ------------------------------------------------------------------------------ the user's tree
