@@ -14,6 +14,8 @@ from .beams import Beam
 
 GLOSSY = 0.3
 """Roughness below which what a surface shows depends on where it is seen from."""
+DIELECTRIC = 0.04
+"""Reflectance of a surface of ior 1.5 that is seen squarely."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Look:
     is_passed : by light that has come through a glass.
     is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
+    reflectance : part of the light that it mirrors where it is seen squarely.
     faces : 1: it gives light on the side of its normals only; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
     """
@@ -43,6 +46,7 @@ class Look:
     is_hidden: bool = False
     is_passed: bool = False
     is_hole: bool = False
+    reflectance: float = DIELECTRIC
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """(K,) how bright it is, over its radiance, for ways that meet it.
@@ -77,11 +81,14 @@ def look_of(material: bpy.types.Material | None) -> Look:
         if node.type == "BSDF_PRINCIPLED":
             colour = tuple(float(c) for c in node.inputs["Base Color"].default_value[:3])
             roughness = float(node.inputs["Roughness"].default_value)
-            return Look(colour, is_glossy=roughness < GLOSSY)
+            metallic = float(node.inputs["Metallic"].default_value)
+            straight = DIELECTRIC + (sum(colour) / 3.0 - DIELECTRIC) * metallic
+            return Look(colour, is_glossy=roughness < GLOSSY, reflectance=straight)
         if node.type in {"BSDF_DIFFUSE", "BSDF_GLOSSY"}:
             colour = tuple(float(c) for c in node.inputs["Color"].default_value[:3])
-            glossy = node.type == "BSDF_GLOSSY"
-            return Look(colour, is_glossy=glossy)
+            if node.type == "BSDF_DIFFUSE":
+                return Look(colour)
+            return Look(colour, is_glossy=True, reflectance=sum(colour) / 3.0)
     return Look(plain)
 
 

@@ -73,6 +73,8 @@ UNCOVERED = 0.5
 UNREADY = "The render began before the last setting was taken up: render again"
 TOLD_LIGHT = 0.01
 """Part of the light in the glasses that is told of if it is lit otherwise than the picture."""
+TOLD_MIRRORED = 0.003
+"""Part of the picture's light that is told of if it should be a glass's mirror image."""
 _STRUCTURE = "refractive_glass_structure"
 _COLOURS = "use_pass_diffuse_color"
 _LENT = "refractive_glass_lent"
@@ -262,6 +264,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     white = 2.0**-depsgraph.scene_eval.view_settings.exposure
     _write(scene, views, result, read.sky.is_of_cameras, white)
     problems += _lit_from_elsewhere(scene, result)
+    problems += [
+        f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
+        for owner, share in result.mirrors.items()
+        if share > TOLD_MIRRORED
+    ]
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
         problems=problems,
@@ -395,6 +402,8 @@ def _read(
         exposure=film_exposure(scene),
         capture_worth=LIT_ELSEWHERE_WORTH if _light_comes_along(scene) else CAPTURE_WORTH,
         light=_read_light(scene, depsgraph, problems),
+        mirrors=render.engine == "CYCLES"
+        or (render.engine == "BLENDER_EEVEE" and scene.eevee.use_raytracing),
     )
 
 

@@ -1085,3 +1085,22 @@ def test_what_the_camera_clips_is_seen_in_the_glass(tmp_path):
     scenes.glass(shape="SLAB", radius=0.03, wall_thickness=0.01).rotation_euler.x = np.pi / 2
     found, _ = _against_cycles(scene, tmp_path, 25.0, samples=64)
     assert found[0, 0, :3].max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("metallic", "turn", "told"), [(1.0, 0.0, True), (0.0, 0.0, False), (1.0, 0.6, False)]
+)
+def test_a_mirror_of_a_glass_is_told_of(tmp_path, metallic, turn, told):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    # Behind the glass; turned away it mirrors what is beside.
+    bpy.ops.mesh.primitive_plane_add(size=0.16, location=(0.0, 0.2, 0.06))
+    mirror = bpy.context.object
+    mirror.rotation_euler = (np.pi / 2, 0.0, turn)
+    material = bpy.data.materials.new("Mirror")
+    node = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    node.inputs["Metallic"].default_value, node.inputs["Roughness"].default_value = metallic, 0.1
+    mirror.data.materials.append(material)
+    scenes.glass(shape="CYLINDER")
+    scenes.picture(scene, tmp_path)
+    assert any('"Plane" mirrors a glass' in line for line in _problems(scene)) == told
