@@ -29,7 +29,8 @@ class Look:
     is_lamp : the radiance is all that it shows, and no view shows it. It is not there for light
         that it does not meet with its own.
     is_hidden : from cameras.
-    is_passed : by light that has come through a glass.
+    is_passed : by light that has come through a glass: *Transmission* is off.
+    is_uncaptured : captures do not show it.
     is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
     reflectance : part of the light that it mirrors where it is seen squarely.
@@ -46,6 +47,7 @@ class Look:
     is_hidden: bool = False
     is_passed: bool = False
     is_hole: bool = False
+    is_uncaptured: bool = False
     reflectance: float = DIELECTRIC
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -92,14 +94,14 @@ def look_of(material: bpy.types.Material | None) -> Look:
     return Look(plain)
 
 
-def passed_look(look: LookOf) -> LookOf:
-    """Looks of what light that comes through a glass passes: *Transmission* is off."""
+def marked_look(look: LookOf, **marks: bool) -> LookOf:
+    """The same looks with some of their marks set, such as ``is_passed``."""
 
-    def passed(material: bpy.types.Material | None) -> Look | None:
+    def marked(material: bpy.types.Material | None) -> Look | None:
         found = look(material)
-        return found and replace(found, is_passed=True)
+        return found and replace(found, **marks)
 
-    return passed
+    return marked
 
 
 def hole_look(_material: bpy.types.Material | None) -> Look:

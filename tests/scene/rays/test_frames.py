@@ -10,6 +10,7 @@ from mathutils import Vector
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.rays.things import read_things
 from glass_refraction.scene.read.glasses import glass_modifier, glass_objects
 from glass_refraction.scene.read.modifier_inputs import write_input
 
@@ -551,6 +552,35 @@ def test_all_kinds_of_things_are_seen_through_the_glass(tmp_path, make):
     assert _is_red(wanted)[covered].sum() > 15
     light = [picture[covered][:, 0].sum() for picture in (found, wanted)]
     assert light[0] == pytest.approx(light[1], rel=0.06)
+
+
+@pytest.mark.parametrize("make", [_curve, _text, _metaball], ids=lambda f: f.__name__[1:])
+def test_what_blender_makes_a_mesh_of_is_read_once(make):
+    scene = _scene()
+    obj = make(scene)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    mesh = obj.evaluated_get(depsgraph).to_mesh()
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    obj.evaluated_get(depsgraph).to_mesh_clear()
+    things = read_things(depsgraph, frozenset(), frozenset(), "CYCLES")
+    assert len(things.triangles) == count > 0
+
+
+def test_metaballs_are_seen_where_the_picture_hides_them(tmp_path):
+    """Captures show none: Blender leaves those of a background set out."""
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=16)
+    _world((0.2, 0.3, 0.4))
+    for place in (-0.03, 0.03):
+        bpy.ops.object.metaball_add(radius=0.06, location=(place, 0.15, 0.06 + place / 3))
+        _red(bpy.context.object)
+    # A lens turns them upside down; much of it shows what lies beside the picture's way.
+    scenes.glass(shape="ROD", radius=0.05, height=0.14)
+    found, wanted = _against_cycles(scene, tmp_path, 24.0)
+    covered = _covered(scene)
+    assert _is_red(wanted)[covered].sum() > 100
+    assert _is_red(found)[covered].sum() == pytest.approx(_is_red(wanted)[covered].sum(), rel=0.05)
 
 
 def _hide_render(obj, scene):
