@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ..read.node_ends import leading_node
+from ..read.node_ends import TOLD_APART, asks_for, leading_node
 from .beams import Beam
 
 GLOSSY = 0.3
@@ -30,9 +30,10 @@ class Look:
         that it does not meet with its own.
     is_hidden : from cameras.
     is_passed : by light that has come through a glass: *Transmission* is off.
-    is_uncaptured : captures do not show it.
+    is_uncaptured : captures do not show it, or otherwise than the picture.
     is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
+    is_of_cameras : in Cycles light that comes through glass meets it otherwise, by *Light Path*.
     reflectance : part of the light that it mirrors where it is seen squarely.
     faces : 1: it gives light on the side of its normals only; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
@@ -48,6 +49,7 @@ class Look:
     is_passed: bool = False
     is_hole: bool = False
     is_uncaptured: bool = False
+    is_of_cameras: bool = False
     reflectance: float = DIELECTRIC
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -68,9 +70,25 @@ LookOf = Callable[[bpy.types.Material | None], Look | None]
 
 
 def look_of(material: bpy.types.Material | None) -> Look:
-    """The look of a material: that of its first shader that tells a colour."""
+    """The look of a material."""
     if material is None:
         return Look()
+    tree = material.node_tree
+    return replace(
+        _shader_look(material),
+        is_uncaptured=_asks_for_camera(tree),
+        is_of_cameras=asks_for(tree, "LIGHT_PATH", TOLD_APART),
+    )
+
+
+def _asks_for_camera(tree: bpy.types.NodeTree | None) -> bool:
+    """Whether a material looks otherwise to a camera that stands elsewhere, however matte it is."""
+    distance = {"View Vector", "View Z Depth", "View Distance"}
+    return asks_for(tree, "CAMERA", distance) or asks_for(tree, "TEX_COORD", {"Camera", "Window"})
+
+
+def _shader_look(material: bpy.types.Material) -> Look:
+    """The look of a material: that of its first shader that tells a colour."""
     plain = tuple(float(c) for c in material.diffuse_color[:3])
     tree = material.node_tree
     if tree is None:

@@ -1134,3 +1134,31 @@ def test_a_mirror_of_a_glass_is_told_of(tmp_path, metallic, turn, told):
     scenes.glass(shape="CYLINDER")
     scenes.picture(scene, tmp_path)
     assert any('"Plane" mirrors a glass' in line for line in _problems(scene)) == told
+
+
+def _asking(kind, output):
+    """A cube behind the glass as bright as an output of a node says."""
+    bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0.0, 0.15, 0.06))
+    _red(bpy.context.object)
+    tree = bpy.context.object.active_material.node_tree
+    asked = tree.nodes.new(kind)
+    tree.links.new(asked.outputs[output], tree.nodes["Emission"].inputs["Strength"])
+
+
+def test_what_depends_on_the_cameras_distance_is_looked_up_in_the_picture(tmp_path):
+    scenes.camera(location=(0.05, -0.5, 0.2), tilt=1.26)
+    scene = _scene(samples=16)
+    # Captures stand nearer.
+    _asking("ShaderNodeCameraData", "View Distance")
+    scenes.glass(shape="ROD", radius=0.05, height=0.14)
+    _against_cycles(scene, tmp_path, 24.0)
+    assert _problems(scene) == []
+
+
+def test_what_looks_otherwise_to_camera_rays_is_told_of(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    _asking("ShaderNodeLightPath", "Is Camera Ray")
+    scenes.glass(shape="CYLINDER")
+    scenes.picture(scene, tmp_path)
+    assert '"Cube" looks otherwise to camera rays' in " ".join(_problems(scene))
