@@ -60,8 +60,8 @@ HIGH = {"CYLINDER", "ROD", "TUMBLER"}
 WITHOUT_CONTENTS = {"ROD", "MESH"}
 """Shapes that hold nothing of their own."""
 
-MIN_LENGTH, MAX_LENGTH = 1e-6, 1e6
-"""Metres. Beyond, Blender's own float32 meshes lose their shape."""
+MIN_LENGTH, MAX_LENGTH = float(np.float32(1e-6)), 1e6
+"""Metres, as Blender holds them. Beyond, its float32 meshes lose their shape."""
 MAX_IOR = 100.0
 FLATNESS = 1e-4
 """Of a slab's outline, relative to its size."""
