@@ -14,7 +14,7 @@ from ..scene.build.materials import glass_material
 from ..scene.memory import Step
 from ..scene.names import MODIFIER, load_group, own
 from ..scene.read.arrays import positions
-from ..scene.read.glasses import glass_modifier, put_last
+from ..scene.read.glasses import LEAST_LENGTH, glass_modifier, put_last
 from ..scene.read.lathe import Lathe, lathe_of
 from ..scene.read.mesh_glasses import (
     glassy_materials,
@@ -60,7 +60,7 @@ HIGH = {"CYLINDER", "ROD", "TUMBLER"}
 WITHOUT_CONTENTS = {"ROD", "MESH"}
 """Shapes that hold nothing of their own."""
 
-MIN_LENGTH, MAX_LENGTH = 1e-6, 1e6
+MIN_LENGTH, MAX_LENGTH = LEAST_LENGTH, 1e6
 """Metres. Beyond, Blender's own float32 meshes lose their shape."""
 MAX_IOR = 100.0
 FLATNESS = 1e-4

@@ -173,6 +173,12 @@ def test_bad_values_add_nothing_and_say_one_line(values):
     assert _everything() == before
 
 
+def test_the_least_length_that_is_told_is_taken():
+    before = len(bpy.data.objects)
+    bpy.ops.object.refractive_glass_add(shape="CYLINDER", wall_thickness=1e-6)
+    assert len(bpy.data.objects) == before + 1
+
+
 OF_A_MESH = [v for v in BAD if v.get("shape") != "SLAB" or "radius" not in v]
 """A slab's outline is its mesh, whatever the radius."""
 

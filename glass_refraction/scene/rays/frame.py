@@ -7,7 +7,7 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -48,6 +48,7 @@ from .hits import (
     show,
 )
 from .meshes import GlassMeshes
+from .mirrors import mirrors_of
 from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .sky import Sky
@@ -84,6 +85,7 @@ class FrameInput:
     exposure : by what the engine multiplies radiance in its pictures.
     capture_worth : see :class:`hits.Scene`.
     light : of lamps through the glasses; None: they light all as though there were none.
+    mirrors : the engine has things mirrored in others.
     """
 
     glasses: tuple[Glass, ...]
@@ -105,6 +107,7 @@ class FrameInput:
     exposure: float = 1.0
     capture_worth: float = CAPTURE_WORTH
     light: LightSettings | None = None
+    mirrors: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,7 @@ class FrameResult:
     weights : (K,) without tints, of the same samples.
     spread, known, known_alpha : see :mod:`sum_tree`.
     light : of each view, what white matte surfaces show more; none without `FrameInput.light`.
+    mirrors : see :func:`mirrors.mirrors_of`.
     reports : of each view. unseen : part of the hits' light that no view shows.
     rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     """
@@ -156,6 +160,7 @@ class FrameResult:
     ways: int
     covered: int
     light: tuple[np.ndarray, ...] = ()
+    mirrors: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,9 +210,12 @@ def compute(
     rays, views = _followed(frame, scene, direct, bodies, follower, scale, room)
     tell("adding up the light")
     result = _summed(frame, scene, views, rays)
+    boxes = [_corners(body) for body in bodies]
+    if bodies and frame.mirrors:
+        sides = np.array([(box.min(axis=0), box.max(axis=0)) for box in boxes])
+        result = replace(result, mirrors=mirrors_of(scene, direct, sides))
     if frame.light is None:
         return result
-    boxes = [_corners(body) for body in bodies]
     sigma = filter_sigma(frame.engine, frame.filter_size)
     found = rays.lookups
     places = [found.place[found.view == number] for number in range(len(views))]

@@ -136,6 +136,7 @@ class Hits(Columns):
     side : (K,) 1 or −1 for the side of the triangle that the way comes from.
     sine : (K,) of the angle between way and triangle.
     glossy : (K,) whether it looks different from elsewhere.
+    uncaptured : (K,) whether the direct picture alone may show it.
     """
 
     point: np.ndarray
@@ -145,6 +146,7 @@ class Hits(Columns):
     side: np.ndarray
     sine: np.ndarray
     glossy: np.ndarray
+    uncaptured: np.ndarray
 
     @property
     def is_sky(self) -> np.ndarray:
@@ -187,6 +189,7 @@ class Scene:
         self._is_glossy = np.array([look.is_glossy for look in looks], bool)
         self._is_hole = np.array([look.is_hole for look in looks], bool)
         self._is_hidden = np.array([look.is_hidden for look in looks], bool)
+        self._is_uncaptured = np.array([look.is_uncaptured for look in looks], bool)
         self.caster = Past(caster, self._is_there, skin) if self._is_lamp.any() else caster
         hides = self._is_hidden.any()
         self.eyes = Past(self.caster, self._is_shown, skin) if hides else self.caster
@@ -224,14 +227,16 @@ class Scene:
     def hits(self, ways: Ways) -> Hits:
         """The hits of ways."""
         count = len(ways)
-        normal, glossy = np.zeros((count, 3)), np.zeros(count, bool)
+        normal, glossy, uncaptured = np.zeros((count, 3)), *np.zeros((2, count), bool)
         some = np.flatnonzero(~ways.is_sky)
         triangle = ways.triangle[some]
         normal[some] = self.normals[triangle]
-        glossy[some] = self._is_glossy[self.things.surface[triangle]]
+        surface = self.things.surface[triangle]
+        glossy[some], uncaptured[some] = self._is_glossy[surface], self._is_uncaptured[surface]
         facing = np.einsum("nk,nk->n", ways.direction, normal)
         side, sine = np.sign(facing), np.abs(facing)
-        return Hits(ways.point, ways.direction, ways.triangle, normal, side, sine, glossy)
+        known = ways.point, ways.direction, ways.triangle, normal, side, sine
+        return Hits(*known, glossy, uncaptured)
 
     def worth(self, view: RadianceView, hits: Hits, direct: bool) -> tuple[np.ndarray, np.ndarray]:
         """How well a view shows each hit (K,), 0 where it lies outside, and its pixels there."""
@@ -260,6 +265,8 @@ class Scene:
             worth[glossy] *= np.clip(0.5 + 0.5 * along, 0.0, 1.0) ** GLOSSY_POWER + LEAST_MATCH
         if view.sky_only:
             worth[:] = 0.0
+        if not direct:
+            worth[hits.uncaptured] = 0.0
         if view.is_parallel or not (view.sky_only or self.sky.is_in_pictures):
             worth[sky] = 0.0
         else:
@@ -399,7 +406,7 @@ def place_captures(
     fine = spacing * (CAPTURE_WORTH / scene.capture_worth)
     shown = _seen(scene, direct, hits, _quality(scene, direct, hits, fine))
     # Views of the sky alone show one that the film leaves out, or that cameras see otherwise.
-    shown[known | (ways.is_sky & (not scene.sky.is_in_pictures))] = 1.0
+    shown[known | hits.uncaptured | (ways.is_sky & (not scene.sky.is_in_pictures))] = 1.0
     begin = shown
     captures: list[RadianceView] = []
     qualities: list[np.ndarray] = []

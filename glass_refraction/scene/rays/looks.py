@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ..read.node_ends import leading_node
+from ..read.node_ends import TOLD_APART, asks_for, leading_node
 from .beams import Beam
 
 GLOSSY = 0.3
 """Roughness below which what a surface shows depends on where it is seen from."""
+DIELECTRIC = 0.04
+"""Reflectance of a surface of ior 1.5 that is seen squarely."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +29,12 @@ class Look:
     is_lamp : the radiance is all that it shows, and no view shows it. It is not there for light
         that it does not meet with its own.
     is_hidden : from cameras.
-    is_passed : by light that has come through a glass.
+    is_passed : by light that has come through a glass: *Transmission* is off.
+    is_uncaptured : captures do not show it, or otherwise than the picture.
     is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
+    is_of_cameras : in Cycles light that comes through glass meets it otherwise, by *Light Path*.
+    reflectance : part of the light that it mirrors where it is seen squarely.
     faces : 1: it gives light on the side of its normals only; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
     """
@@ -43,6 +48,9 @@ class Look:
     is_hidden: bool = False
     is_passed: bool = False
     is_hole: bool = False
+    is_uncaptured: bool = False
+    is_of_cameras: bool = False
+    reflectance: float = DIELECTRIC
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """(K,) how bright it is, over its radiance, for ways that meet it.
@@ -62,9 +70,25 @@ LookOf = Callable[[bpy.types.Material | None], Look | None]
 
 
 def look_of(material: bpy.types.Material | None) -> Look:
-    """The look of a material: that of its first shader that tells a colour."""
+    """The look of a material."""
     if material is None:
         return Look()
+    tree = material.node_tree
+    return replace(
+        _shader_look(material),
+        is_uncaptured=_asks_for_camera(tree),
+        is_of_cameras=asks_for(tree, "LIGHT_PATH", TOLD_APART),
+    )
+
+
+def _asks_for_camera(tree: bpy.types.NodeTree | None) -> bool:
+    """Whether a material looks otherwise to a camera that stands elsewhere, however matte it is."""
+    distance = {"View Vector", "View Z Depth", "View Distance"}
+    return asks_for(tree, "CAMERA", distance) or asks_for(tree, "TEX_COORD", {"Camera", "Window"})
+
+
+def _shader_look(material: bpy.types.Material) -> Look:
+    """The look of a material: that of its first shader that tells a colour."""
     plain = tuple(float(c) for c in material.diffuse_color[:3])
     tree = material.node_tree
     if tree is None:
@@ -77,22 +101,25 @@ def look_of(material: bpy.types.Material | None) -> Look:
         if node.type == "BSDF_PRINCIPLED":
             colour = tuple(float(c) for c in node.inputs["Base Color"].default_value[:3])
             roughness = float(node.inputs["Roughness"].default_value)
-            return Look(colour, is_glossy=roughness < GLOSSY)
+            metallic = float(node.inputs["Metallic"].default_value)
+            straight = DIELECTRIC + (sum(colour) / 3.0 - DIELECTRIC) * metallic
+            return Look(colour, is_glossy=roughness < GLOSSY, reflectance=straight)
         if node.type in {"BSDF_DIFFUSE", "BSDF_GLOSSY"}:
             colour = tuple(float(c) for c in node.inputs["Color"].default_value[:3])
-            glossy = node.type == "BSDF_GLOSSY"
-            return Look(colour, is_glossy=glossy)
+            if node.type == "BSDF_DIFFUSE":
+                return Look(colour)
+            return Look(colour, is_glossy=True, reflectance=sum(colour) / 3.0)
     return Look(plain)
 
 
-def passed_look(look: LookOf) -> LookOf:
-    """Looks of what light that comes through a glass passes: *Transmission* is off."""
+def marked_look(look: LookOf, **marks: bool) -> LookOf:
+    """The same looks with some of their marks set, such as ``is_passed``."""
 
-    def passed(material: bpy.types.Material | None) -> Look | None:
+    def marked(material: bpy.types.Material | None) -> Look | None:
         found = look(material)
-        return found and replace(found, is_passed=True)
+        return found and replace(found, **marks)
 
-    return passed
+    return marked
 
 
 def hole_look(_material: bpy.types.Material | None) -> Look:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .columns import Columns
-from .hits import KNOWN, UNSEEN, Scene, Shown, Ways
+from .hits import KNOWN, UNSEEN, Scene, Shown, Ways, judged
 from .sky import Sky
 from .things import Things
 
@@ -141,7 +141,7 @@ def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
                 light[which] = np.array(look.radiance) + 0.5 * np.array(look.albedo)
             view[here] = KNOWN
             continue
-        seen = seen[:: max(1, len(seen) // COMPARED)]
+        seen = seen[judged(len(seen), COMPARED)]
         both = [lookups.at[seen], lookups.at[here]]
         if number >= 0:
             size = np.sqrt(both[0].var(axis=0).sum())

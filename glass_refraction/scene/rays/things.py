@@ -13,9 +13,7 @@ from ..names import own
 from ..read.arrays import positions
 from ..read.light_linking import is_mirrored
 from .lamps import lamp_shape
-from .looks import Look, LookOf, hole_look, look_of, passed_look, softbox_look
-
-_CONVERTED_TYPES = {"CURVE", "SURFACE", "FONT", "META"}
+from .looks import Look, LookOf, hole_look, look_of, marked_look, softbox_look
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +99,12 @@ def read_things(
                 continue
             look = softbox_look
         if engine == "CYCLES" and not (obj.visible_transmission and owner.visible_transmission):
-            look = passed_look(look)
+            look = marked_look(look, is_passed=True)
+        if owner.type == "META":
+            # Captures have the user's scene as their set, and Blender leaves a set's metaballs out.
+            look = marked_look(look, is_uncaptured=True)
         if obj.type == "MESH":
             builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float), look)
-        elif obj.type in _CONVERTED_TYPES:
-            mesh = obj.to_mesh()
-            if mesh is not None:
-                builder.add_mesh(obj, owner, mesh, np.array(instance.matrix_world, float), look)
-                obj.to_mesh_clear()
     return builder.things()
 
 

@@ -25,10 +25,12 @@ from ..light.light import KeptLight, LightSettings
 from ..memory import Status, counters, memory_of
 from ..names import TAG, hidden_name, own
 from ..progress import check
+from ..read.animation import may_move
 from ..read.arrays import write_polygons
 from ..read.glasses import all_glasses, glass_modifier, glass_objects, read_glasses
 from ..read.light_linking import is_mirrored
 from ..read.modifier_inputs import has_input, read_input
+from ..read.sources import source_objects
 from ..read.viewpoint import (
     Viewpoint,
     border_window,
@@ -71,6 +73,8 @@ UNCOVERED = 0.5
 UNREADY = "The render began before the last setting was taken up: render again"
 TOLD_LIGHT = 0.01
 """Part of the light in the glasses that is told of if it is lit otherwise than the picture."""
+TOLD_MIRRORED = 0.003
+"""Part of the picture's light that is told of if it should be a glass's mirror image."""
 _STRUCTURE = "refractive_glass_structure"
 _COLOURS = "use_pass_diffuse_color"
 _LENT = "refractive_glass_lent"
@@ -260,6 +264,17 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     white = 2.0**-depsgraph.scene_eval.view_settings.exposure
     _write(scene, views, result, read.sky.is_of_cameras, white)
     problems += _lit_from_elsewhere(scene, result)
+    if scene.render.engine == "CYCLES":
+        problems += [
+            f'"{owner}" looks otherwise to camera rays (Light Path node), and so the glass shows it'
+            for owner, look in zip(read.things.owners, read.things.looks, strict=True)
+            if look.is_of_cameras
+        ]
+    problems += [
+        f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
+        for owner, share in result.mirrors.items()
+        if share > TOLD_MIRRORED
+    ]
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),
         problems=problems,
@@ -275,22 +290,26 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
 
 
 def _blurred(scene: bpy.types.Scene) -> list[str]:
-    """A line for each blur of the camera's that the glass has no part in."""
-    camera, found = scene.camera, []
+    """A line for each blur that the glass has no part in, or not all."""
+    camera, layer, found = scene.camera, rendered_layer(scene), []
     if camera.data.dof.use_dof and scene.render.engine != "BLENDER_WORKBENCH":
         found.append(
             f'Camera "{camera.name}" has depth of field, and what is seen in the glass is followed '
             "from one point: it is blurred where the picture shows it, else sharp"
         )
-    moving = [
-        obj.name
-        for obj in (camera, *glass_objects(rendered_layer(scene), ever=True))
-        if obj.animation_data is not None or obj.parent is not None or obj.constraints
-    ]
-    if scene.render.use_motion_blur and moving:
+    if not scene.render.use_motion_blur:
+        return found
+    moving = next(filter(may_move, (camera, *glass_objects(layer, ever=True))), None)
+    if moving is not None:
         found.append(
-            f'Motion blur is on and "{moving[0]}" may move: the glass is computed for the frame\'s '
-            "own time and not blurred itself"
+            f'Motion blur is on and "{moving.name}" may move: the glass is computed for the '
+            "frame's own time and not blurred itself"
+        )
+    moving = next(filter(may_move, source_objects(layer, ever=True)), None)
+    if moving is not None:
+        found.append(
+            f'Motion blur is on and "{moving.name}" may move: in the glass its outline is that of '
+            "the frame's own time, and only what lies within is blurred"
         )
     return found
 
@@ -389,6 +408,8 @@ def _read(
         exposure=film_exposure(scene),
         capture_worth=LIT_ELSEWHERE_WORTH if _light_comes_along(scene) else CAPTURE_WORTH,
         light=_read_light(scene, depsgraph, problems),
+        mirrors=render.engine == "CYCLES"
+        or (render.engine == "BLENDER_EEVEE" and scene.eevee.use_raytracing),
     )
 
 

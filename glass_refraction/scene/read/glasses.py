@@ -32,8 +32,8 @@ _SHALLOW = 1e-5
 # Limits of absorption: the darkest colour and the shortest distance, metres.
 _DARKEST = 1e-6
 _SHORTEST = 1e-6
-# Of a cylinder or rod, metres: rays meet nothing that is lower.
-_LOWEST = 1e-6
+LEAST_LENGTH = float(np.float32(1e-6))
+"""Metres, as Blender holds them: rays meet no cylinder or rod that is lower."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -542,8 +542,8 @@ def _coaxial(shape: str, size: dict[str, float], ior: float, contents: float):
     radii, media = ((radius, radius - wall), (ior, contents)) if hollow else ((radius,), (ior,))
     if shape == "Sphere":
         return optics.SphereGlass(radii, media)
-    if not (math.isfinite(size["height"]) and size["height"] >= _LOWEST):
-        raise ValueError(f"height {size['height']:g} m must be {_LOWEST:g} m or more")
+    if not (math.isfinite(size["height"]) and size["height"] >= LEAST_LENGTH):
+        raise ValueError(f"height {size['height']:g} m must be {LEAST_LENGTH:g} m or more")
     return optics.CylinderGlass(radii, media, extent=(0.0, size["height"]))
 
 

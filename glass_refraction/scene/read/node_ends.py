@@ -1,9 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What leads to the output of a material's nodes."""
+"""What leads to the output of a material's nodes, and what they ask for."""
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import bpy
+
+TOLD_APART = {"Is Camera Ray", "Is Glossy Ray", "Is Singular Ray", "Is Reflection Ray"}
+TOLD_APART |= {"Is Transmission Ray", "Ray Length", "Ray Depth", "Diffuse Depth", "Glossy Depth"}
+TOLD_APART |= {"Transparent Depth", "Transmission Depth", "Portal Depth"}
+"""Outputs of a Light Path node by which a camera's ray and one through glass may differ."""
 
 
 def leading_node(
@@ -19,3 +26,15 @@ def leading_node(
         return None
     node = links[0].from_node
     return node if node.type == kind and not node.mute else None
+
+
+def asks_for(tree: bpy.types.NodeTree | None, kind: str, outputs: Container[str]) -> bool:
+    """Whether a node of a kind, in the tree or its groups, has any of these outputs linked."""
+    for node in tree.nodes if tree is not None else ():
+        if node.mute:
+            continue
+        if node.type == kind and any(o.is_linked and o.name in outputs for o in node.outputs):
+            return True
+        if node.type == "GROUP" and asks_for(node.node_tree, kind, outputs):
+            return True
+    return False

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import bpy
 
+from .node_ends import TOLD_APART, asks_for
+
 Radiance = tuple[float, float, float]
 BLACK: Radiance = (0.0, 0.0, 0.0)
 
@@ -51,23 +53,7 @@ def is_of_cameras(world: bpy.types.World | None, engine: str) -> bool:
         return False
     if engine == "CYCLES" and not world.cycles_visibility.camera:
         return True
-    return world.node_tree is not None and _asks_for_rays(world.node_tree)
-
-
-_ALIKE = ("Is Shadow Ray", "Is Diffuse Ray", "Is Volume Scatter Ray")
-"""Outputs of a Light Path node that neither a camera's ray nor one through glass sets."""
-
-
-def _asks_for_rays(tree: bpy.types.NodeTree) -> bool:
-    """Whether a tree, or a group in it, takes anything from a Light Path node."""
-    for node in tree.nodes:
-        if node.type == "LIGHT_PATH" and any(
-            output.is_linked and output.name not in _ALIKE for output in node.outputs
-        ):
-            return True
-        if node.type == "GROUP" and node.node_tree is not None and _asks_for_rays(node.node_tree):
-            return True
-    return False
+    return asks_for(world.node_tree, "LIGHT_PATH", TOLD_APART)
 
 
 def film_exposure(scene: bpy.types.Scene) -> float:

@@ -10,6 +10,7 @@ from mathutils import Vector
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.rays.things import read_things
 from glass_refraction.scene.read.glasses import glass_modifier, glass_objects
 from glass_refraction.scene.read.modifier_inputs import write_input
 
@@ -553,6 +554,35 @@ def test_all_kinds_of_things_are_seen_through_the_glass(tmp_path, make):
     assert light[0] == pytest.approx(light[1], rel=0.06)
 
 
+@pytest.mark.parametrize("make", [_curve, _text, _metaball], ids=lambda f: f.__name__[1:])
+def test_what_blender_makes_a_mesh_of_is_read_once(make):
+    scene = _scene()
+    obj = make(scene)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    mesh = obj.evaluated_get(depsgraph).to_mesh()
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    obj.evaluated_get(depsgraph).to_mesh_clear()
+    things = read_things(depsgraph, frozenset(), frozenset(), "CYCLES")
+    assert len(things.triangles) == count > 0
+
+
+def test_metaballs_are_seen_where_the_picture_hides_them(tmp_path):
+    """Captures show none: Blender leaves those of a background set out."""
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=16)
+    _world((0.2, 0.3, 0.4))
+    for place in (-0.03, 0.03):
+        bpy.ops.object.metaball_add(radius=0.06, location=(place, 0.15, 0.06 + place / 3))
+        _red(bpy.context.object)
+    # A lens turns them upside down; much of it shows what lies beside the picture's way.
+    scenes.glass(shape="ROD", radius=0.05, height=0.14)
+    found, wanted = _against_cycles(scene, tmp_path, 24.0)
+    covered = _covered(scene)
+    assert _is_red(wanted)[covered].sum() > 100
+    assert _is_red(found)[covered].sum() == pytest.approx(_is_red(wanted)[covered].sum(), rel=0.05)
+
+
 def _hide_render(obj, scene):
     obj.hide_render = True
 
@@ -796,13 +826,31 @@ def test_motion_blur_is_rendered_or_told_of(tmp_path, engine):
     glass = scenes.glass(shape="CYLINDER")
     found = scenes.picture(scene, tmp_path)
     assert np.isfinite(found).all()
-    assert _problems(scene) == []
+    (line,) = _problems(scene)
+    assert '"Wall" may move' in line and "outline" in line
     for frame in (1, 3):
         glass.location.x = 0.01 * frame
         glass.keyframe_insert("location", frame=frame)
     found = scenes.picture(scene, tmp_path)
     assert np.isfinite(found).all()
     assert '"Refractive Glass" may move' in " ".join(_problems(scene))
+
+
+def test_motion_blur_is_told_of_what_moves_alone(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    wall = _wall()
+    scenes.glass(shape="CYLINDER")
+    holder = bpy.data.objects.new("Holder", None)
+    scene.collection.objects.link(holder)
+    wall.parent, scene.render.use_motion_blur = holder, True
+    # Its colour is keyed, not its place.
+    wall.keyframe_insert("color", frame=1)
+    scenes.picture(scene, tmp_path)
+    assert _problems(scene) == []
+    holder.keyframe_insert("location", frame=1)
+    scenes.picture(scene, tmp_path)
+    assert '"Wall" may move' in " ".join(_problems(scene))
 
 
 # ------------------------------------------------------------------------------ the user's tree
@@ -1067,3 +1115,50 @@ def test_what_the_camera_clips_is_seen_in_the_glass(tmp_path):
     scenes.glass(shape="SLAB", radius=0.03, wall_thickness=0.01).rotation_euler.x = np.pi / 2
     found, _ = _against_cycles(scene, tmp_path, 25.0, samples=64)
     assert found[0, 0, :3].max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("metallic", "turn", "told"), [(1.0, 0.0, True), (0.0, 0.0, False), (1.0, 0.6, False)]
+)
+def test_a_mirror_of_a_glass_is_told_of(tmp_path, metallic, turn, told):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    # Behind the glass; turned away it mirrors what is beside.
+    bpy.ops.mesh.primitive_plane_add(size=0.16, location=(0.0, 0.2, 0.06))
+    mirror = bpy.context.object
+    mirror.rotation_euler = (np.pi / 2, 0.0, turn)
+    material = bpy.data.materials.new("Mirror")
+    node = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    node.inputs["Metallic"].default_value, node.inputs["Roughness"].default_value = metallic, 0.1
+    mirror.data.materials.append(material)
+    scenes.glass(shape="CYLINDER")
+    scenes.picture(scene, tmp_path)
+    assert any('"Plane" mirrors a glass' in line for line in _problems(scene)) == told
+
+
+def _asking(kind, output):
+    """A cube behind the glass as bright as an output of a node says."""
+    bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0.0, 0.15, 0.06))
+    _red(bpy.context.object)
+    tree = bpy.context.object.active_material.node_tree
+    asked = tree.nodes.new(kind)
+    tree.links.new(asked.outputs[output], tree.nodes["Emission"].inputs["Strength"])
+
+
+def test_what_depends_on_the_cameras_distance_is_looked_up_in_the_picture(tmp_path):
+    scenes.camera(location=(0.05, -0.5, 0.2), tilt=1.26)
+    scene = _scene(samples=16)
+    # Captures stand nearer.
+    _asking("ShaderNodeCameraData", "View Distance")
+    scenes.glass(shape="ROD", radius=0.05, height=0.14)
+    _against_cycles(scene, tmp_path, 24.0)
+    assert _problems(scene) == []
+
+
+def test_what_looks_otherwise_to_camera_rays_is_told_of(tmp_path):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    _asking("ShaderNodeLightPath", "Is Camera Ray")
+    scenes.glass(shape="CYLINDER")
+    scenes.picture(scene, tmp_path)
+    assert '"Cube" looks otherwise to camera rays' in " ".join(_problems(scene))

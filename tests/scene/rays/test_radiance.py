@@ -12,6 +12,7 @@ from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene.rays.hits import KNOWN, UNSEEN, Scene, Shown, Ways
 from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.radiance import (
+    COMPARED,
     UNLIMITED,
     Clamp,
     Lookups,
@@ -176,6 +177,20 @@ def test_a_stand_in_is_turned_as_the_hit_that_it_stands_for():
     turned = np.abs((angle[hidden] - angle[whose] + np.pi) % (2 * np.pi) - np.pi)
     assert not hidden[whose].any() and turned.max() < 0.5
     assert np.abs(along[hidden] - along[whose]).max() < 0.3
+
+
+def test_stand_ins_are_looked_for_among_each_rays_ways_alike():
+    """Each ray's two ways meet two far ends of a surface, in turns."""
+    count = 2 * COMPARED
+    along = np.repeat(np.linspace(0.0, 1.0, count), 2) + np.tile((0.0, 9.0), count)
+    along = np.append(along, (0.5, 9.5))
+    scene = _scene(_things(Look()))
+    points = np.stack((along, 0 * along, 0 * along), axis=1)
+    pixels = points[:, :2].copy()
+    view = np.append(np.zeros(2 * count, int), (UNSEEN, UNSEEN))
+    lookups = _lookups(scene, _ways(points, np.zeros(len(along), int)), Shown(view, pixels))
+    stand_ins(scene, lookups)
+    np.testing.assert_allclose(lookups.place[-2:, 0], (0.5, 9.5), atol=0.02)
 
 
 def test_no_ways_need_no_stand_in():
