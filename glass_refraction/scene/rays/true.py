@@ -265,10 +265,10 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     _write(scene, views, result, read.sky.is_of_cameras, white)
     problems += _lit_from_elsewhere(scene, result)
     if scene.render.engine == "CYCLES":
+        looks = zip(read.things.owners, read.things.looks, strict=True)
         problems += [
             f'"{owner}" looks otherwise to camera rays (Light Path node), and so the glass shows it'
-            for owner, look in zip(read.things.owners, read.things.looks, strict=True)
-            if look.is_of_cameras
+            for owner in dict.fromkeys(owner for owner, look in looks if look.is_of_cameras)
         ]
     problems += [
         f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
