@@ -17,6 +17,9 @@ _resources = tempfile.mkdtemp(prefix="refractive_glass_tests_")
 atexit.register(shutil.rmtree, _resources, ignore_errors=True)
 os.environ["BLENDER_USER_RESOURCES"] = _resources
 
+_LONG = ("real_blender/", "/test_no_harm.py", "/test_growth.py", "/test_mesh_scene.py")
+"""Parts of the names of files that take long."""
+
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
@@ -26,12 +29,20 @@ def pytest_xdist_make_scheduler(config, log):
     """
     from xdist.scheduler import LoadScopeScheduling
 
+    # By itself a file of few tests comes late, however long they take.
+    config.option.loadscopereorder = False
+
     class Files(LoadScopeScheduling):
         def _split_scope(self, nodeid):
             path = nodeid.split("::", 1)[0]
             return "real_blender" if "/real_blender/" in path else path
 
     return Files(config, log)
+
+
+def pytest_collection_modifyitems(items):
+    """Long files first: one that begins late leaves other processes with nothing to do."""
+    items.sort(key=lambda item: not any(part in str(item.path) for part in _LONG))
 
 
 def _load_empty_file(bpy) -> None:
