@@ -157,8 +157,9 @@ def archive(blender):
 
 @pytest.fixture(scope="session")
 def installed(blender, archive):
-    """Blender with the extension installed and enabled."""
+    """Blender with the extension installed and enabled, whose windows open without a splash."""
     found = blender.command("extension", "install-file", "-r", "user_default", "--enable", archive)
     assert found.returncode == 0, found.stdout
     assert not TROUBLE.search(found.stdout), found.stdout
+    blender.script("no_splash")
     return blender

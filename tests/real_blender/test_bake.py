@@ -40,7 +40,6 @@ def test_a_farm_renders_the_same_pictures(installed, farm, engine):
 
 @pytest.fixture(scope="module")
 def window(installed):
-    installed.script("no_splash")
     return installed.script("bake_window", how="gui", seconds=400)
 
 

@@ -8,7 +8,6 @@ import pytest
 
 @pytest.fixture(scope="module")
 def found(installed):
-    installed.script("no_splash")
     return installed.script("capture_light", how="gui", seconds=300)
 
 

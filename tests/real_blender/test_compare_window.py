@@ -6,7 +6,6 @@ import pytest
 
 @pytest.fixture(scope="module")
 def found(installed):
-    installed.script("no_splash")
     return installed.script("compare", how="gui", seconds=400)
 
 

@@ -11,7 +11,6 @@ PARTS = ("computed", "drawn", "again", "animated", "compared", "baked", "shown")
 
 @pytest.fixture(scope="module")
 def found(installed):
-    installed.script("no_splash")
     return installed.script("disabled", how="gui", seconds=600)
 
 

@@ -8,7 +8,6 @@ SHAPES = ("slab", "stack", "tank", "surface", "tube", "thick", "thin", "ball", "
 
 @pytest.fixture(scope="module")
 def found(installed):
-    installed.script("no_splash")
     return installed.script("apparent", how="gui", seconds=900)
 
 
@@ -27,7 +26,6 @@ def test_vertices_appear_where_optics_says(found, shape):
 
 @pytest.fixture(scope="module")
 def view(installed):
-    installed.script("no_splash")
     return installed.script("displaced_view", how="gui", seconds=900)
 
 

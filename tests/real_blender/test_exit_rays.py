@@ -34,7 +34,6 @@ angle, which grows from facet to facet: most in the slim ball of two of them, wh
 
 @pytest.fixture(scope="module")
 def found(installed):
-    installed.script("no_splash")
     return installed.script("exit_rays", how="gui", seconds=1800)
 
 

@@ -16,7 +16,6 @@ MOST = 0.05
 @pytest.fixture(scope="module")
 def made(installed):
     """The folder of the screenshots, made anew by the guide's script."""
-    installed.script("no_splash")
     folder = installed.folder / "guide"
     folder.mkdir()
     for name in SCRIPTS:

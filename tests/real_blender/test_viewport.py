@@ -23,7 +23,6 @@ def rendered(installed, flat):
 
 @pytest.fixture(scope="module")
 def found(installed, rendered, flat):
-    installed.script("no_splash")
     return installed.script("viewport", flat, how="gui", seconds=1800)
 
 

@@ -49,7 +49,7 @@ def build():
     render.engine = ENGINE
     render.resolution_x, render.resolution_y = 80, 60
     scene.cycles.samples, scene.cycles.use_denoising = 4, False
-    scene.eevee.taa_render_samples = 4
+    scene.eevee.taa_render_samples = 1
     image = render.image_settings
     image.media_type = "IMAGE"
     image.file_format, image.color_depth, image.color_mode = "OPEN_EXR", "32", "RGBA"
