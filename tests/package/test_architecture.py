@@ -32,7 +32,7 @@ def project_files():
         text=True,
         check=True,
     )
-    suffixes = {".py", ".md", ".toml", ".txt", ".sh", ".cfg", ".yml", ""}
+    suffixes = {".py", ".md", ".toml", ".txt", ".sh", ".cfg", ".yml", ".glsl", ""}
     files = (ROOT / name for name in listed.stdout.splitlines())
     return [f for f in files if f.is_file() and f.suffix in suffixes and f != Path(__file__)]
 

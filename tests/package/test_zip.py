@@ -65,15 +65,17 @@ def test_zip_holds_what_blender_needs(names):
     assert needed <= set(names)
 
 
-def test_zip_holds_every_module_of_the_package(names):
-    modules = {str(path.relative_to(ROOT)) for path in (ROOT / "glass_refraction").rglob("*.py")}
-    assert modules <= set(names)
+@pytest.mark.parametrize("kind", ["py", "glsl"])
+def test_zip_holds_every_module_and_shader_of_the_package(names, kind):
+    found = (ROOT / "glass_refraction").rglob(f"*.{kind}")
+    files = {str(path.relative_to(ROOT)) for path in found}
+    assert files and files <= set(names)
 
 
 def test_zip_holds_nothing_else(names):
     allowed = re.compile(
         r"(blender_manifest\.toml|__init__\.py|LICENSE"
-        r"|node_groups/refractive_glass\.blend|glass_refraction/[\w/]+\.py|glass_refraction/ui/icons/\w+\.png)"
+        r"|node_groups/refractive_glass\.blend|glass_refraction/[\w/]+\.(py|glsl)|glass_refraction/ui/icons/\w+\.png)"
     )
     assert [name for name in names if not allowed.fullmatch(name)] == []
 

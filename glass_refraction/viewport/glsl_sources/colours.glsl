@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+/* What shows nothing lets the background through. That is not tinted where it is drawn, so what is
+ * seen of it through tinted glass is added here: all but what every colour has. */
+void add(vec4 colour, vec4 light)
+{
+  float plain = min(min(light.r, light.g), min(light.b, 1.0));
+  vec3 open = (1.0 - colour.a) * (light.rgb - plain) * backdrop.rgb;
+  float shown = colour.a + (1.0 - colour.a) * (1.0 - plain);
+  sum += light.w * vec4(light.rgb * colour.rgb + open, shown);
+  got += light.w;
+}
+
+bool covered(vec3 p)
+{
+  if (has_depth == 0) {
+    return false;
+  }
+  vec4 clip = view.to_clip * vec4(p, 1.0);
+  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  return depth_between(pixel) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
+}
+
+void leave(vec3 p, vec3 d, vec4 light, int g, int number)
+{
+  vec4 colour;
+  float way;
+  int slot = capture_of(g);
+  last_shown = vec4(-1.0);
+  if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
+    colour = beyond(p, d, slot);
+  }
+  add(colour, light);
+}
+
+void lose(vec4 light) {}
+
+bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
+{
+  /* From one glass to another anything may stand; within one what reaches into its box. */
+  vec2 things = vec2(row(9 + GLASS_ROWS * g).w, row(1 + GLASS_ROWS * g).w);
+  if (boxed && !meets_boxes(int(things.x), int(things.y), p, d, way)) {
+    return false;
+  }
+  vec4 colour;
+  float reached;
+  if (!seen(p, d, way, capture_of(g), boxed ? g : -1, colour, reached)) {
+    return false;
+  }
+  light.rgb *= exp(-taken * reached);
+  add(colour, light);
+  return true;
+}
+
+/* A face that lies on a thing shows it, with no air between. */
+bool touches(vec3 at, vec3 d, vec4 light, int g, int number)
+{
+  vec4 clip = view.to_clip * vec4(at, 1.0);
+  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  float near = TOUCHING * row(9 + GLASS_ROWS * g).x;
+  if (has_depth != 0 && clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
+      all(lessThan(pixel, view.size.xy))) {
+    if (abs(depth_near(pixel) - dot(view.depth_row, vec4(at, 1.0))) < near) {
+      add(thing_at(pixel), light);
+      return true;
+    }
+  }
+  int slot = capture_of(g);
+  if (slot >= 0) {
+    vec3 away = at - capture_at(slot).xyz;
+    if (abs(smooth_gap(slot, away)) < near) {
+      add(capture_colour(slot, away), light);
+      return true;
+    }
+  }
+  return false;
+}

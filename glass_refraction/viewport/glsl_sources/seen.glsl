@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+int capture_of(int g)
+{
+  int slot = g < 0 ? 0 : int(row(9 + GLASS_ROWS * g).y);
+  return slot >= 0 && capture_at(slot).w > 0.5 ? slot : -1;
+}
+
+/* What a ray meets within its reach, if a view shows it. `boxes`: see `march_direct`. */
+bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out float way)
+{
+  vec2 pixel;
+  bool hidden = true, found = false;
+  int first = slot;
+  way = reach;
+  colour = vec4(0.0);
+  if (has_depth != 0) {
+    found = march_direct(o, d, reach, slot, boxes, pixel, way, hidden);
+    if (found) {
+      colour = thing_at(pixel);
+    }
+  }
+  if (slot >= 0 && hidden) {
+    vec3 at;
+    float other;
+    float most = min(reach, way);
+    bool met = march_capture(slot, o, d, most, at, other, hidden);
+    int second = second_of(slot);
+    if (!met && hidden && second >= 0) {
+      slot = second;
+      met = march_capture(slot, o, d, most, at, other, hidden);
+    }
+    /* What stands before it there those of other glasses may see. */
+    for (int k = 0; k < CAPTURES && !met && hidden && !found; k++) {
+      if (k != first && k != second && capture_at(k).w > 0.5) {
+        slot = k;
+        met = march_capture(slot, o, d, most, at, other, hidden);
+      }
+    }
+    if (met) {
+      colour = capture_colour(slot, at);
+      way = other;
+      found = true;
+    }
+  }
+  return found;
+}
+
+/* Whether a ray may meet anything: things are in boxes, if it is known where they are. */
+bool may_meet_any(vec3 p, vec3 d)
+{
+  return row(0).w < 0.0 || meets_boxes(int(row(0).z), int(row(0).w), p, d, NOWHERE);
+}
+
+/* The world in a direction in which the view does not show it: as the capture shows it there, else
+ * as high to another side. Solid shading leaves it to the background. */
+vec4 sky(vec3 d, int slot)
+{
+  if (backdrop.w > 0.5) {
+    return vec4(0.0);
+  }
+  vec3 along = d;
+  for (int k = 0; slot >= 0 && k < 4; k++) {
+    if (!shows_thing(slot, along)) {
+      return capture_colour(slot, along);
+    }
+    along = vec3(-along.y, along.x, along.z);
+  }
+  return slot >= 0 ? capture_colour(slot, d) : vec4(0.0);
+}
+
+/* What a ray shows of which no view shows the end: the world, or the nearest that is known. */
+vec4 beyond(vec3 o, vec3 d, int slot)
+{
+  vec4 clip = view.to_clip * vec4(d, 0.0);
+  if (view.eye.w < 0.5) {
+    /* In a parallel view what is far off is seen where the ray leaves the scene. */
+    clip = view.to_clip * vec4(o + view.size.w * d, 1.0);
+  }
+  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  bool shown = clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
+               all(lessThan(pixel, view.size.xy));
+  if (has_depth != 0 && shown && depth_near(pixel) >= FAR_OFF) {
+    return thing_at(pixel);
+  }
+  if (!may_meet_any(o, d)) {
+    return sky(d, slot);
+  }
+  if (slot >= 0) {
+    /* Where a thing stands before the first capture the second may show more. */
+    int second = second_of(slot);
+    if (second >= 0) {
+      return capture_colour(shows_thing(slot, d) ? second : slot, d);
+    }
+    if (backdrop.w < 0.5 && last_shown.w >= 0.0) {
+      /* What lies beside the edge behind which it went is most like what it ends on. Solid shading
+       * has no textures: there the thing before it is more like its own back. */
+      return capture_colour(int(last_shown.w), last_shown.xyz);
+    }
+    return capture_colour(slot, d);
+  }
+  if (clip.w <= 0.0) {
+    clip = view.to_clip * vec4(o, 1.0);
+    pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  }
+  return direct_at(clamp(pixel, vec2(0.5), view.size.xy - 0.5));
+}

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+
+#define FAR_OFF 1e19
+#define TILE 8
+#define CLOSE 6.0
+/* Pixels from look to look where a tile does not tell. */
+#define STRIDE 2.0
+#define DIRECT_STEPS 80
+/* Half the side of a box of things, with some room. */
+#define BOX_MARGIN 1.02
+#define CAPTURE_STEPS 32
+/* Angle between steps, in pixels of a face (which is two wide at a distance of one). */
+#define CAPTURE_STRIDE 5.0
+#define HALVINGS 6
+/* Ratio of depths of neighbouring pixels below which one surface goes on. */
+#define GOES_ON 1.15
+/* How far behind a thing's edge a ray still meets it, in common units: pixels do not tell where
+ * exactly the edge is. */
+#define SLACK 0.05
+/* The same for surfaces in captures. */
+#define THIN 0.03
+/* The same as part of the distance: what a pixel of a capture cannot tell. */
+#define THICK_PART 0.01
+#define UNKNOWN -1e18
+/* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1: no edge is farther off. */
+#define LIMB_MOST 2.42
+/* Where a thing is nearer to a face than this, in common units, it touches it. */
+#define TOUCHING 0.03
+/* How much nearer than the glass a thing must be to cover it, in common units. */
+#define NEARER 0.004
+
+/* By how much depths differ at an edge, at a depth of z. */
+float edge_at(float z) { return EDGE * (view.pixel.x + view.pixel.y * z); }
+
+float depth_at(ivec2 pixel)
+{
+  ivec2 last = ivec2(view.size.xy) - 1;
+  return texelFetch(depth_tx, clamp(pixel, ivec2(0), last), 0).r;
+}
+
+vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
+
+/* Clamped as `row` is. */
+vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, CAPTURES - 1)]; }
+
+/* Which face of a capture shows a direction, and which pixel of it: (x, y, face); the last one is
+ * its close picture. `depth`: of d along the face's axis. */
+vec3 face_of(int slot, vec3 d, out float depth)
+{
+  int close = 3 * clamp(slot, 0, CAPTURES - 1);
+  vec4 forward = view.closes[close];
+  float side = capture_at(slot).w;
+  if (forward.w > 0.0) {
+    depth = dot(d, forward.xyz);
+    vec2 at = vec2(dot(d, view.closes[close + 1].xyz), dot(d, view.closes[close + 2].xyz));
+    if (max(abs(at.x), abs(at.y)) < (1.0 - 1.0 / side) * depth) {
+      return vec3((0.5 * at / depth + 0.5) * side, CLOSE);
+    }
+  }
+  vec3 a = abs(d);
+  bool is_x = a.x >= a.y && a.x >= a.z;
+  bool is_y = !is_x && a.y >= a.z;
+  vec3 r = is_x ? d.yzx : (is_y ? d.zxy : d);
+  depth = abs(r.z);
+  float turn = r.z < 0.0 ? -1.0 : 1.0;
+  vec2 at = vec2(r.x, -turn * r.y) / abs(r.z);
+  float axis = is_x ? 0.0 : (is_y ? 2.0 : 4.0);
+  return vec3((0.5 * at + 0.5) * side, turn < 0.0 ? axis + 1.0 : axis);
+}
+
+ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
+{
+  ivec2 pixel = clamp(ivec2(in_face), ivec2(0), ivec2(int(side) - 1));
+  return pixel + ivec2(int(at.z), slot) * int(side);
+}
+
+/* How far a place lies behind what the capture shows in its direction, along the face's axis.
+ * Depths of less than 0 and more than FAR_OFF: nothing is there. */
+float capture_gap(int slot, vec3 p)
+{
+  float side = capture_at(slot).w;
+  float depth;
+  vec3 at = face_of(slot, p, depth);
+  float shown = abs(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
+  return depth - shown;
+}
+
+/* The same, where a surface goes on from pixel to pixel: of a plane 1 / depth is linear there. */
+float smooth_gap(int slot, vec3 p)
+{
+  float side = capture_at(slot).w;
+  float depth;
+  vec3 at = face_of(slot, p, depth);
+  vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
+  vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
+  ivec2 corner = atlas_pixel(slot, at, low, side);
+  vec4 near = 1.0 / abs(vec4(texelFetch(reach_tx, corner, 0).r,
+                             texelFetch(reach_tx, corner + ivec2(1, 0), 0).r,
+                             texelFetch(reach_tx, corner + ivec2(0, 1), 0).r,
+                             texelFetch(reach_tx, corner + ivec2(1, 1), 0).r));
+  float most = max(max(near.x, near.y), max(near.z, near.w));
+  float least_ = min(min(near.x, near.y), min(near.z, near.w));
+  vec2 pair = t.x < 0.5 ? near.xz : near.yw;
+  float nearest = t.y < 0.5 ? pair.x : pair.y;
+  float mixed = mix(mix(near.x, near.y, t.x), mix(near.z, near.w, t.x), t.y);
+  float shown = 1.0 / max(most < GOES_ON * least_ ? mixed : nearest, 1e-19);
+  return depth - shown;
+}
+
+/* The second capture of a glass that has a first one, behind what hides much from that; or -1. */
+int second_of(int slot)
+{
+  int second = slot + int(view.start.y);
+  return slot >= 0 && second < CAPTURES && capture_at(second).w > 0.5 ? second : -1;
+}
+
+/* Whether a capture sees a place: nothing stands before it, or what stands there. */
+bool is_seen(int slot, vec3 p)
+{
+  if (slot < 0) {
+    return false;
+  }
+  vec3 q = p - capture_at(slot).xyz;
+  return smooth_gap(slot, q) < THIN + THICK_PART * length(q);
+}
+
+bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
+
+bool shows_thing(int slot, vec3 d)
+{
+  float side = capture_at(slot).w;
+  float depth;
+  vec3 at = face_of(slot, d, depth);
+  return is_there(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
+}
+
+/* The colour in a direction, smoothed over pixels that are about as far as the nearest one. */
+vec4 capture_colour(int slot, vec3 d)
+{
+  float side = capture_at(slot).w;
+  float depth;
+  vec3 at = face_of(slot, d, depth);
+  vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
+  vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
+  ivec2 corner = atlas_pixel(slot, at, low, side);
+  ivec2 middle = corner + ivec2(round(t));
+  depth = texelFetch(reach_tx, middle, 0).r;
+  vec4 mixed = vec4(0.0);
+  for (int k = 0; k < 4; k++) {
+    ivec2 step_ = ivec2(k & 1, k >> 1);
+    float other = texelFetch(reach_tx, corner + step_, 0).r;
+    vec2 part = mix(1.0 - t, t, vec2(step_));
+    bool same = is_there(other) == is_there(depth) &&
+                (!is_there(other) || abs(other - depth) < 0.1 * depth);
+    if (same) {
+      mixed += part.x * part.y * vec4(texelFetch(capture_tx, corner + step_, 0).rgb, 1.0);
+    }
+  }
+  vec3 colour = mixed.a > 0.0 ? mixed.rgb / mixed.a : texelFetch(capture_tx, middle, 0).rgb;
+  return vec4(colour, depth <= -FAR_OFF ? 0.0 : 1.0);
+}
