@@ -46,6 +46,20 @@ def view_eye(size: tuple[int, int], view_matrix, window_matrix, is_perspective: 
     )
 
 
+def overlay_nearer(region_3d) -> float:
+    """By how much, in clip space, overlays draw lines nearer in a parallel view; else 0.
+
+    It grows with how far such a view says that it is, and may be many times the glasses' size
+    (`GPU_polygon_offset_calc`). In perspective it is a small part of the depth.
+    """
+    if region_3d.is_perspective:
+        return 0.0
+    distance = region_3d.view_distance
+    if region_3d.view_perspective == "CAMERA":
+        distance = 1.0 / max(abs(region_3d.window_matrix[k][k]) for k in range(2))
+    return 0.5e-5 * distance
+
+
 def depth_line(view: Viewpoint) -> tuple[float, float, float, float]:
     """(a, b, c, d) so that a depth buffer's value v means a depth of (a + b v) / (c + d v)."""
     p, q = view.projection[2, 2], view.projection[2, 3]

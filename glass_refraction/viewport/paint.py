@@ -77,10 +77,13 @@ class Direct:
         self._stepped = self._to_stepped = None
         self._depths: np.ndarray | None = None
 
-    def read(self, framebuffer, view: Viewpoint, frame: Frame, amended: bool) -> bool:
+    def read(
+        self, framebuffer, view: Viewpoint, frame: Frame, amended: bool, nearer: float
+    ) -> bool:
         """Take the view's picture over; whether it differs from the last one.
 
-        ``amended``: its depths are as EEVEE writes them, see `glsl.AMENDED`.
+        ``amended``: its depths are as EEVEE writes them, see `glsl.AMENDED`. ``nearer``: see
+        `eye.overlay_nearer`.
         """
         width, height = view.size
         if self.size != view.size:
@@ -101,7 +104,7 @@ class Direct:
         self.colour = gpu.types.GPUTexture(view.size, format="RGBA32F", data=colour)
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line = common_line(view, frame)
-        self.wire_depth = self.wires.draw(view.projection @ view.to_camera, view.size)
+        self.wire_depth = self.wires.draw(view.projection @ view.to_camera, view.size, nearer)
         self._fill(self._to_depth, "depth", view.size, amended)
         columns, rows = size = self.tiles.width, self.tiles.height
         self._fill(self._to_tiles, "tiles", size)

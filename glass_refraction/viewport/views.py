@@ -24,7 +24,7 @@ from ..scene.changes import generation, is_echo
 from ..scene.read.glasses import glass_modifier, instanced_glasses
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from . import news, shaders
-from .eye import view_eye
+from .eye import overlay_nearer, view_eye
 from .jobs import amends_depths, is_compiling, is_rendering, samples_of_engine
 from .model import Model
 
@@ -119,6 +119,8 @@ class _View:
         self.backdrop = (0.0, 0.0, 0.0, 0.0)
         self.is_open = False
         """The engine leaves the background to the overlay."""
+        self.nearer = 0.0
+        """See `eye.overlay_nearer`."""
         self.turned = b""
         self.changed = 0.0
         self.quiet = 0
@@ -359,6 +361,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         view.turned = turned
     view.eye, view.backdrop = eye, _backdrop(context)
     view.is_open = space.shading.type == "SOLID"
+    view.nearer = overlay_nearer(matrices)
     python += time.thread_time()
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
@@ -416,7 +419,7 @@ def _read(view: _View, moved: bool, samples: float, amended: bool) -> bool:
         or view.is_due
         or (view.is_read and (differs or not (view.is_own or direct.is_same(view.framebuffer))))
     ):
-        changed = direct.read(view.framebuffer, eye, view.model.frame, amended)
+        changed = direct.read(view.framebuffer, eye, view.model.frame, amended, view.nearer)
         # The depths of what an engine refines differ too, where a glance may not see it.
         refined = moved or differs or (changed and not view.is_due)
         # A redraw may have come that the engine did not count: what differs then is its last one.

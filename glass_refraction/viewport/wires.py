@@ -69,12 +69,13 @@ class Wires:
     def _placed(self) -> Iterator[tuple[int, np.ndarray]]:
         return ((uid, pose) for uid, poses in self._poses.items() for pose in poses)
 
-    def draw(self, view_to_clip: np.ndarray, size: tuple[int, int]):
+    def draw(self, view_to_clip: np.ndarray, size: tuple[int, int], nearer: float = 0.0):
         """Draw the depths of edges and points.
 
         Parameters
         ----------
         view_to_clip : (4, 4) from the world to clip space. size : pixels.
+        nearer : see `eye.overlay_nearer`.
 
         Returns
         -------
@@ -83,6 +84,8 @@ class Wires:
             this size.
         """
         pixels = width, height = size
+        view_to_clip = view_to_clip.copy()
+        view_to_clip[2] -= nearer * view_to_clip[3]
         if size not in self._targets:
             # A view has one size, and its captures another.
             while len(self._targets) > 1:

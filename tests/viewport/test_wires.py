@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How edges of glasses are drawn wider: shifted by whole pixels."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from glass_refraction.viewport.eye import overlay_nearer
 from glass_refraction.viewport.wires import BESIDE, _shifted
 
 
@@ -19,3 +22,18 @@ def test_edges_are_shifted_by_whole_pixels():
     for shift, columns in zip(BESIDE, _shifted(to_clip, BESIDE, size), strict=True):
         moved = pixel(np.reshape(columns, (4, 4)).T)
         assert moved - pixel(to_clip) == pytest.approx(shift, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"), [("PERSP", 0.0), ("ORTHO", 2.5e-5), ("CAMERA", 1e-5)]
+)
+def test_overlays_draw_lines_nearer_in_parallel_views(kind, expected):
+    """By half a hundred-thousandth of the view's distance; a camera's view has its size for it."""
+    matrix = np.diag((0.25, 0.5, 1.0, 1.0))
+    region = SimpleNamespace(
+        is_perspective=kind == "PERSP",
+        view_perspective=kind,
+        view_distance=5.0,
+        window_matrix=matrix,
+    )
+    assert overlay_nearer(region) == pytest.approx(expected)

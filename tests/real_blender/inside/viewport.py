@@ -338,7 +338,17 @@ def lines():
             pictures.append(screenshot(f"viewport_lines_{on}", area))
     off = np.abs(pictures[0] - pictures[1]).max(axis=2) > SEEN_STEP
     x0, y0, x1, y1 = (int(v) for v in result["frame"])
-    result["lines"] = int(off[y0 + 2 : y1 - 2, x0 + 2 : x1 - 2].sum())
+    inner = slice(y0 + 2, y1 - 2), slice(x0 + 2, x1 - 2)
+    result["lines"] = int(off[inner].sum())
+    matrices, pictures = area.spaces.active.region_3d, []
+    matrices.view_perspective = "ORTHO"
+    with unsmoothed():
+        for on in (False, True):
+            area.spaces.active.overlay.show_overlays = on
+            yield from rest()
+            pictures.append(screenshot(f"viewport_parallel_lines_{on}", area))
+    off = np.abs(pictures[0] - pictures[1]).max(axis=2) > SEEN_STEP
+    result["parallel_lines"] = int(off[inner].sum())
     flat_view(area, "SOLID")
 
 
