@@ -120,3 +120,26 @@ def test_the_outline_of_a_thing_before_coloured_glass_mixes_it_with_no_white(tmp
     assert outline.sum() > 50
     # What the thing's own pixels have of white at its border is left: a third of before.
     assert np.abs(found[outline] - plain[outline] * passed).mean() < 0.08
+
+
+def test_lamps_seen_through_glass_add_their_light_to_what_is_behind_them(tmp_path):
+    """Two lamps before a white wall, seen through a pane: as Cycles shows them. A dim lamp once hid
+    the wall and the other lamp."""
+    scenes.camera(location=(0.0, 0.0, 0.5), tilt=0.0, lens=150.0)
+    scene = scenes.settings(32, 24, samples=64, surface="REFRACTION", shading="TRUE")
+    bpy.ops.mesh.primitive_plane_add(size=2.0, location=(0.0, 0.0, -0.5))
+    bpy.context.object.data.materials.append(scenes.emissive("wall", (0.3, 0.2, 0.1)))
+    for name, left, radiance in (("near", -0.005, 0.2), ("far", 0.005, 0.25)):
+        lamp = bpy.data.lights.new(name, "AREA")
+        lamp.size = 0.03
+        lamp.energy = radiance * np.pi * lamp.size**2
+        obj = bpy.data.objects.new(name, lamp)
+        # An area lamp shines along its own −z: towards the camera above.
+        obj.location, obj.rotation_euler = (left, 0.0, -0.2 - 8.0 * left), (np.pi, 0.0, 0.0)
+        scene.collection.objects.link(obj)
+    scenes.glass(shape="SLAB", radius=0.3, wall_thickness=THICKNESS)
+    found = scenes.picture(scene, tmp_path)[..., :3]
+    expected = render_reference(scene, samples=64, surface="REFRACTION")[..., :3]
+    middle = found[12, 16]
+    np.testing.assert_allclose(middle, (0.75, 0.65, 0.55), atol=0.01)
+    assert np.abs(found - expected).mean() < 0.005

@@ -42,6 +42,8 @@ TOGETHER = 100_000
 time, for each step is a batch of casts."""
 NEAR = 8.0 * TOUCHING
 """Of the largest coordinate: where float32 keeps places, things so near to a ray may matter."""
+MOST_LAMPS = 4
+"""One behind the other along a way, of which the light is added."""
 MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
@@ -224,6 +226,7 @@ class Follower:
             if through is None
             else Past(self.caster, lambda triangle, _: through[triangle], self._skin)
         )
+        self._is_lamp = np.array([look.is_lamp for look in self.things.looks], bool)
         placed = [glass for _, glasses in self.bands for glass in glasses]
         self.rough = any(glass.roughness for glass in placed)
         self.only_meshes = all(glass.is_mesh for glass in placed)
@@ -266,7 +269,8 @@ class Follower:
             some = unsettled(whole.ways, rows, ray, lost, part, settled)
             if self._apart:
                 self._end(whole.ways, rows[some])
-            yield part, replace(whole.ways.take(rows[some]), ray=ray[some]), lost
+            ways = replace(whole.ways.take(rows[some]), ray=ray[some])
+            yield part, self._past_lamps(ways), lost
         if kept:
             self.kept.parts[key] = kept
 
@@ -397,6 +401,34 @@ class Follower:
             np.zeros(count, np.int16),
             np.zeros(count, bool),
         )
+
+    def _past_lamps(self, ways: Ways) -> Ways:
+        """The same, and one more way behind each lamp outside the glasses: lamps hide nothing.
+
+        Their light is added to what is behind them, as in Cycles.
+        """
+        found, last = [ways], ways
+        for number in range(MOST_LAMPS):
+            rows = np.flatnonzero(~last.is_sky)
+            rows = rows[self._is_lamp[self.things.surface[last.triangle[rows]]]]
+            point = last.point[rows]
+            low, high = self.hull
+            rows = rows[((point < low) | (point > high)).any(axis=1)]
+            if not len(rows):
+                break
+            last = last.take(rows)
+            begin = last.point + self._skin * last.direction
+            distance, triangle = self._beyond.cast(begin, last.direction)
+            path = way_codes(np.full(len(rows), 1 + number), last.path) & ~1 | last.path & 1
+            last = replace(
+                last,
+                path=path,
+                origin=begin,
+                distance=np.where(triangle < 0, np.inf, distance),
+                triangle=triangle.astype(np.int32),
+            )
+            found.append(last)
+        return ways if len(found) == 1 else joined(Ways, found)
 
     def _end(self, ways: Ways, rows: np.ndarray) -> None:
         """Let some ways end at the things that they meet, if that is not known yet."""

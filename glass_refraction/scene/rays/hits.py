@@ -218,10 +218,14 @@ class Scene:
         return known | self.is_clear(ways) | dark
 
     def is_clear(self, ways: Ways) -> np.ndarray:
-        """(K,) which show a hole in the picture: the sky or a holdout, of a transparent film."""
+        """(K,) which show a hole in the picture: the sky or a holdout, of a transparent film.
+
+        So does a lamp: what is behind it is there beside it.
+        """
         hole = ways.is_sky
         some = np.flatnonzero(~hole)
-        hole[some] = self._is_hole[self.things.surface[ways.triangle[some]]]
+        surface = self.things.surface[ways.triangle[some]]
+        hole[some] = self._is_hole[surface] | self._is_lamp[surface]
         return hole & self.sky.is_clear(ways)
 
     def hits(self, ways: Ways) -> Hits:
