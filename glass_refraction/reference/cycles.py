@@ -131,7 +131,7 @@ def rendering_reference(
     style = _Style(surface, glass_shadows, rough)
     with _reference_scene(scene) as reference, ExitStack() as temporary:
         shells = near_shells(glasses)
-        together = yield partial(overlapping, shells)
+        together = (yield partial(overlapping, shells)) if shells else frozenset()
         joint = [shell for shell in shells if shell.glass.name in together]
         alone = [glass for glass in glasses if glass.name not in together]
         shown = {obj: glass for obj, glass in meshes.items() if glass.name not in together}
