@@ -124,4 +124,5 @@ def _ball(light: bpy.types.PointLight | bpy.types.SpotLight, to_world: np.ndarra
         ]
     )
     points = unit.reshape(-1, 3) * radius + to_world[:3, 3]
-    return points, corners.astype(np.int32), 4.0 * np.pi * radius**2, 0
+    # Of its outside: what light has passed its front does not meet it again.
+    return points, corners.astype(np.int32), 4.0 * np.pi * radius**2, 1
