@@ -12,8 +12,10 @@ import numpy as np
 from ..read.node_ends import TOLD_APART, asks_for, leading_node
 from .beams import Beam
 
-GLOSSY = 0.3
+GLOSSY = 0.7
 """Roughness below which what a surface shows depends on where it is seen from."""
+MIRROR = 0.3
+"""Roughness below which images are seen in a surface."""
 DIELECTRIC = 0.04
 """Reflectance of a surface of ior 1.5 that is seen squarely."""
 
@@ -34,6 +36,7 @@ class Look:
     is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
     is_of_cameras : in Cycles light that comes through glass meets it otherwise, by *Light Path*.
+    is_mirror : other things are seen in it.
     reflectance : part of the light that it mirrors where it is seen squarely.
     faces : 1: it gives light on the side of its normals only; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
@@ -50,6 +53,7 @@ class Look:
     is_hole: bool = False
     is_uncaptured: bool = False
     is_of_cameras: bool = False
+    is_mirror: bool = False
     reflectance: float = DIELECTRIC
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -103,12 +107,18 @@ def _shader_look(material: bpy.types.Material) -> Look:
             roughness = float(node.inputs["Roughness"].default_value)
             metallic = float(node.inputs["Metallic"].default_value)
             straight = DIELECTRIC + (sum(colour) / 3.0 - DIELECTRIC) * metallic
-            return Look(colour, is_glossy=roughness < GLOSSY, reflectance=straight)
+            mirrors = metallic > 0.0 or node.inputs["Specular IOR Level"].default_value > 0.0
+            return Look(
+                colour,
+                is_glossy=mirrors and roughness < GLOSSY,
+                is_mirror=mirrors and roughness < MIRROR,
+                reflectance=straight,
+            )
         if node.type in {"BSDF_DIFFUSE", "BSDF_GLOSSY"}:
             colour = tuple(float(c) for c in node.inputs["Color"].default_value[:3])
             if node.type == "BSDF_DIFFUSE":
                 return Look(colour)
-            return Look(colour, is_glossy=True, reflectance=sum(colour) / 3.0)
+            return Look(colour, is_glossy=True, is_mirror=True, reflectance=sum(colour) / 3.0)
     return Look(plain)
 
 

@@ -22,7 +22,7 @@ def mirrors_of(scene: Scene, view: RadianceView, boxes: np.ndarray) -> dict[str,
     view : the camera's. boxes : (B, 2, 3) round the glasses, in the world.
     """
     looks, things = scene.things.looks, scene.things
-    if not any(look.is_glossy for look in looks):
+    if not any(look.is_mirror for look in looks):
         return {}
     low, high = np.array(view.region[:2]), np.array(view.region[2:])
     step = (high - low).max() / LOOKED
@@ -30,8 +30,8 @@ def mirrors_of(scene: Scene, view: RadianceView, boxes: np.ndarray) -> dict[str,
     origins, directions = view.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     total = len(origins)
     distance, triangle = scene.eyes.cast(origins, directions)
-    glossy = np.array([look.is_glossy for look in looks])[things.surfaces(triangle)]
-    some = np.flatnonzero((triangle >= 0) & glossy)
+    mirrors = np.array([look.is_mirror for look in looks])[things.surfaces(triangle)]
+    some = np.flatnonzero((triangle >= 0) & mirrors)
     normal, along = scene.normals[triangle[some]], directions[some]
     facing = np.einsum("nk,nk->n", along, normal)
     normal = normal * -np.sign(facing)[:, None]

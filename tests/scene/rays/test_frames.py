@@ -315,6 +315,21 @@ def test_a_world_of_many_colours_is_as_in_cycles(tmp_path, values):
     _against_cycles(scene, tmp_path, 30.0)
 
 
+def test_brushed_metal_is_seen_in_the_glass_as_from_where_light_leaves_it(tmp_path):
+    """Of roughness 0.5: it sends other light to the glass than to the camera. Taken for matt it
+    had 30.6 dB."""
+    scenes.camera(location=(0.0, -0.4, 0.12), tilt=np.pi / 2 * 0.85)
+    scene = _scene(samples=32)
+    _colourful_world()
+    bpy.ops.mesh.primitive_plane_add(size=2.0, location=(0.0, 0.0, -0.001))
+    metal = bpy.data.materials.new("metal")
+    shader = next(node for node in metal.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Metallic"].default_value, shader.inputs["Roughness"].default_value = 1.0, 0.5
+    bpy.context.object.data.materials.append(metal)
+    scenes.glass(shape="SPHERE", radius=0.06, contents_ior=1.5).location.z = 0.07
+    _against_cycles(scene, tmp_path, 32.0)
+
+
 def _lamp_before_a_pane(scene, kind):
     light = bpy.data.lights.new("Lamp", kind)
     light.energy = 4.0
