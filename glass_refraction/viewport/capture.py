@@ -345,6 +345,7 @@ class Captures:
             shader.uniform_sampler("depth_tx", texture)
             shader.uniform_sampler("wire_tx", wire_depth)
             shader.uniform_float("line", (near * far, 0.0, far, near - far))
+            shader.uniform_float("least", 1.0)
             shader.uniform_int("origin", (x, y))
             shader.uniform_int("amended", int(amended))
             shader.uniform_float("box", (*low, *high))

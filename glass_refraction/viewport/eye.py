@@ -18,6 +18,9 @@ LEAST_AHEAD = 0.5
 """How far ahead of the eye, in units of the common frame, the plane lies that rays are led through,
 should the glasses be nearer or behind it."""
 
+DEPTH_OF_WIDTH = 50.0 / 36.0
+"""Depth over width of what a camera shows: of its lens, 50 mm on 36 mm."""
+
 MARGIN = 1.01
 """By how much the ball in which rays begin is larger than what the glasses fill."""
 
@@ -58,6 +61,17 @@ def overlay_nearer(region_3d) -> float:
     if region_3d.view_perspective == "CAMERA":
         distance = 1.0 / max(abs(region_3d.window_matrix[k][k]) for k in range(2))
     return 0.5e-5 * distance
+
+
+def least_depth(view: Viewpoint, frame: Frame) -> float:
+    """Depth, in units of the common frame, of which differences of lines' depths are part at least.
+
+    A parallel view has no depth of its own: it counts as far away as a view in perspective whose
+    picture is as wide there.
+    """
+    if not view.is_parallel:
+        return 1.0
+    return max(1.0, DEPTH_OF_WIDTH * pixel_width(view, frame)[0] * max(view.size))
 
 
 def depth_line(view: Viewpoint) -> tuple[float, float, float, float]:

@@ -20,7 +20,7 @@ import numpy as np
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import Frame, Posed, trees_of
-from .eye import common_line, pack_view, pixel_width
+from .eye import common_line, least_depth, pack_view, pixel_width
 from .shaders import kept
 from .trees import ROW_BITS, Tree
 from .wires import Wires
@@ -57,7 +57,7 @@ class Direct:
     ----------
     colour, tiles : textures; wire_depth : see `wires.Wires.draw`. raw, depth : of the depth
         buffer's values, and of what they mean in units of the common frame, see `glsl.DEPTH` and
-        `glsl.STEPS`; line : the numbers (a, b, c, d) between both.
+        `glsl.STEPS`; line : the numbers (a, b, c, d) between both. least : see `eye.least_depth`.
     has_depth : EEVEE writes none while overlays are off.
     stamp : a part of the pixels, to tell whether anything changed. lines : those that were glanced
         at last. python_seconds : of the last reading, what was Python's and NumPy's part.
@@ -67,7 +67,7 @@ class Direct:
         self.size = (0, 0)
         self.wires, self.wire_depth = Wires(), None
         self.colour = self.raw = self.depth = self.tiles = None
-        self.line = (0.0, 1.0, 1.0, 0.0)
+        self.line, self.least = (0.0, 1.0, 1.0, 0.0), 1.0
         self.has_depth = False
         self.stamp: np.ndarray | None = None
         self.lines: np.ndarray | None = None
@@ -103,7 +103,7 @@ class Direct:
         # As wide as it was read: to convert it to half floats takes longer than all the rest.
         self.colour = gpu.types.GPUTexture(view.size, format="RGBA32F", data=colour)
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
-        self.line = common_line(view, frame)
+        self.line, self.least = common_line(view, frame), least_depth(view, frame)
         self.wire_depth = self.wires.draw(view.projection @ view.to_camera, view.size, nearer)
         self._fill(self._to_depth, "depth", view.size, amended)
         columns, rows = size = self.tiles.width, self.tiles.height
@@ -182,6 +182,7 @@ class Direct:
                 shader.uniform_sampler("raw_tx", self.raw)
                 shader.uniform_sampler("wire_tx", self.wire_depth)
                 shader.uniform_float("line", self.line)
+                shader.uniform_float("least", self.least)
                 shader.uniform_int("amended", int(amended))
             else:
                 shader.uniform_sampler("depth_tx", self._plain)
@@ -591,6 +592,7 @@ class Painter:
         shader.uniform_sampler("raw_tx", self.direct.raw)
         shader.uniform_sampler("wire_tx", self.direct.wire_depth)
         shader.uniform_float("line", self.direct.line)
+        shader.uniform_float("least", self.direct.least)
         shader.uniform_int("lines", int(lines))
         shader.uniform_int("part", part)
         shader.uniform_float("backdrop", backdrop)
@@ -786,6 +788,7 @@ DESCRIPTIONS = {
             ("VEC4", "backdrop"),
             ("INT", "part"),
             ("VEC4", "line"),
+            ("FLOAT", "least"),
             ("INT", "lines"),
             ("FLOAT", "divisor"),
         ],
@@ -813,7 +816,7 @@ DESCRIPTIONS = {
         "fragment": glsl.EDGES,
     },
     "depth": {
-        "constants": [("VEC4", "box"), ("VEC4", "line"), ("INT", "amended")],
+        "constants": [("VEC4", "box"), ("VEC4", "line"), ("FLOAT", "least"), ("INT", "amended")],
         "samplers": ["raw_tx", "wire_tx"],
         "outputs": ["frag"],
         "fragment": glsl.DEPTH,
@@ -834,6 +837,7 @@ DESCRIPTIONS = {
         "constants": [
             ("VEC4", "box"),
             ("VEC4", "line"),
+            ("FLOAT", "least"),
             ("IVEC2", "origin"),
             ("INT", "amended"),
         ],

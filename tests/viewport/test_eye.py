@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from glass_refraction.viewport.eye import depth_line, view_eye
+from glass_refraction.viewport.description import Frame
+from glass_refraction.viewport.eye import depth_line, least_depth, view_eye
 
 SIZE = (640, 400)
 NEAR, FAR = 0.1, 50.0
@@ -49,3 +50,14 @@ def test_points_depths_and_rays_are_those_of_the_matrices(window, is_perspective
     assert (along > 0).all()
     assert origins + along[:, None] * directions == pytest.approx(points, abs=1e-4)
     assert eye.is_parallel != is_perspective
+
+
+def test_a_parallel_view_counts_as_far_away_as_a_camera_that_shows_as_much():
+    """Else the ends of rings kept their lines there."""
+    frame = Frame(STAND, 0.1, 1.0)
+    width, lens = 2.0, 50.0 / 18.0
+    seen = view_eye(SIZE, VIEW, parallel(width), False)
+    camera = view_eye(SIZE, VIEW, perspective(lens), True)
+    far = least_depth(seen, frame) * frame.unit
+    assert 2.0 * far / lens == pytest.approx(width)
+    assert least_depth(camera, frame) == 1.0

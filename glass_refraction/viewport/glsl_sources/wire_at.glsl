@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
-/* By how much a line may lie before the nearest edge here and behind it, as part of the depth:
- * overlays draw lines a little nearer, and edges are drawn a pixel wider here. */
+/* By how much a line may lie before the nearest edge here and behind it, as part of the depth, of
+ * `least` at least: overlays draw lines a little nearer, and edges are drawn a pixel wider here. */
 #define WIRE_BEFORE 0.004
 #define WIRE_BEHIND 0.03
 
@@ -14,6 +14,6 @@ bool is_wire(ivec2 pixel, float value)
     return false;
   }
   float depth = depth_of(value);
-  float behind = (depth - depth_of(wire)) / max(abs(depth), 1.0);
+  float behind = (depth - depth_of(wire)) / max(abs(depth), least);
   return behind > -WIRE_BEFORE && behind < WIRE_BEHIND;
 }
