@@ -7,7 +7,6 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from glass_refraction import handlers
 from glass_refraction.scene import update as door
 from glass_refraction.scene.names import own
 
@@ -56,14 +55,17 @@ def test_a_picture_of_another_size_than_the_last_frames_passes_as_it_is(tmp_path
     scenes.glass(shape="SPHERE", radius=0.05, wall_thickness=0.0)
     scene = scenes.settings(32, 24, samples=1, shading="TRUE")
     door.prepare(scene, bpy.context.evaluated_depsgraph_get())
-    for name in ("render_init", "render_pre", "frame_change_post"):
-        getattr(bpy.app.handlers, name).clear()
+    names = ("render_init", "render_pre", "frame_change_post")
+    lists = [getattr(bpy.app.handlers, name) for name in names]
+    kept = [list(some) for some in lists]
+    for some in lists:
+        some.clear()
     try:
         composited = scenes.picture(scene, tmp_path, "composited")
         scene.compositing_node_group = None
         plain = scenes.picture(scene, tmp_path, "plain")
     finally:
-        handlers.unregister()
-        handlers.register()
+        for some, functions in zip(lists, kept, strict=True):
+            some.extend(functions)
     assert plain.std() > 0.05
     assert np.array_equal(composited, plain)
