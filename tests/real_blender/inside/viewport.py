@@ -328,34 +328,32 @@ def unsmoothed():
 def lines():
     """How many pixels show more in the view if overlays are on: nothing is selected."""
     (area,) = areas()
+    space = area.spaces.active
     flat_view(area, "SOLID")
     bpy.ops.object.select_all(action="DESELECT")
+    result["lines"] = yield from pixels_of_overlays(area, "viewport_lines")
+    matrices, clip_end = space.region_3d, space.clip_end
+    # Overlays draw lines nearer by a part of the depth that a parallel view has room for.
+    space.clip_end = 20_000.0
+    matrices.view_perspective = "ORTHO"
+    matrices.view_location, matrices.view_distance = (0.0, 0.0, 0.05), 0.5
+    matrices.view_rotation = Quaternion((1, 0, 0), 1.3)
+    result["parallel_lines"] = yield from pixels_of_overlays(area, "viewport_parallel_lines")
+    space.clip_end = clip_end
+    flat_view(area, "SOLID")
+
+
+def pixels_of_overlays(area, name):
+    """How many pixels differ, within the camera's frame, with overlays and without."""
     pictures = []
     with unsmoothed():
         for on in (False, True):
             area.spaces.active.overlay.show_overlays = on
             yield from rest()
-            pictures.append(screenshot(f"viewport_lines_{on}", area))
+            pictures.append(screenshot(f"{name}_{on}", area))
     off = np.abs(pictures[0] - pictures[1]).max(axis=2) > SEEN_STEP
     x0, y0, x1, y1 = (int(v) for v in result["frame"])
-    inner = slice(y0 + 2, y1 - 2), slice(x0 + 2, x1 - 2)
-    result["lines"] = int(off[inner].sum())
-    space = area.spaces.active
-    matrices, pictures, clip_end = space.region_3d, [], space.clip_end
-    # Overlays draw lines nearer by a part of the depth that such a view has room for.
-    space.clip_end = 20_000.0
-    matrices.view_perspective = "ORTHO"
-    matrices.view_location, matrices.view_distance = (0.0, 0.0, 0.05), 0.5
-    matrices.view_rotation = Quaternion((1, 0, 0), 1.3)
-    with unsmoothed():
-        for on in (False, True):
-            area.spaces.active.overlay.show_overlays = on
-            yield from rest()
-            pictures.append(screenshot(f"viewport_parallel_lines_{on}", area))
-    off = np.abs(pictures[0] - pictures[1]).max(axis=2) > SEEN_STEP
-    result["parallel_lines"] = int(off[inner].sum())
-    space.clip_end = clip_end
-    flat_view(area, "SOLID")
+    return int(off[y0 + 2 : y1 - 2, x0 + 2 : x1 - 2].sum())
 
 
 def clear():
