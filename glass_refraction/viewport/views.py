@@ -119,8 +119,6 @@ class _View:
         self.backdrop = (0.0, 0.0, 0.0, 0.0)
         self.is_open = False
         """The engine leaves the background to the overlay."""
-        self.nearer = 0.0
-        """See `eye.overlay_nearer`."""
         self.turned = b""
         self.changed = 0.0
         self.quiet = 0
@@ -361,7 +359,6 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         view.turned = turned
     view.eye, view.backdrop = eye, _backdrop(context)
     view.is_open = space.shading.type == "SOLID"
-    view.nearer = overlay_nearer(matrices)
     python += time.thread_time()
     drawn = (settings.surface, settings.min_weight, _displaced_version(view))
     stamp = (seen, looks, eye.stamp(), *drawn, captures.version)
@@ -371,7 +368,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         moved = stamp != view.stamp
     view.refinements = 1 if moved or is_compiling() else view.refinements + 1
     samples = samples_of_engine(space, context.preferences) or math.inf
-    changed = _read(view, moved, samples, amends_depths(scene, space))
+    nearer = overlay_nearer(matrices)
+    changed = _read(view, moved, samples, amends_depths(scene, space), nearer)
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
@@ -403,7 +401,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     counters["milliseconds"] += view.python_ms
 
 
-def _read(view: _View, moved: bool, samples: float, amended: bool) -> bool:
+def _read(view: _View, moved: bool, samples: float, amended: bool, nearer: float) -> bool:
     """Read the direct picture if need be; whether it changed, or is still to be read at rest.
 
     An engine refines what it shows from redraw to redraw. Meanwhile a glance tells whether anything
@@ -419,7 +417,7 @@ def _read(view: _View, moved: bool, samples: float, amended: bool) -> bool:
         or view.is_due
         or (view.is_read and (differs or not (view.is_own or direct.is_same(view.framebuffer))))
     ):
-        changed = direct.read(view.framebuffer, eye, view.model.frame, amended, view.nearer)
+        changed = direct.read(view.framebuffer, eye, view.model.frame, amended, nearer)
         # The depths of what an engine refines differ too, where a glance may not see it.
         refined = moved or differs or (changed and not view.is_due)
         # A redraw may have come that the engine did not count: what differs then is its last one.

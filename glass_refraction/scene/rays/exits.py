@@ -212,15 +212,13 @@ class FinerRays:
             places = self._sigma * _lattice(count)
             one = 1.0 / (count + self._follower.rough)
             for some, ways, lost in self._follower.blocks(pixels, places, self._codes):
-                light = one * np.bincount(ways.ray, ways.weight, len(lost))
-                light, left = (part.reshape(-1, count).sum(axis=1) for part in (light, one * lost))
+                light = np.bincount(ways.ray, ways.weight, len(lost))
+                blank = np.flatnonzero((light == 0.0) & (lost == 0.0))
+                light, left = (one * p.reshape(-1, count).sum(axis=1) for p in (light, lost))
                 centre = self._brought[some] if self._follower.rough else 0.0
                 self._brought[some] += light
                 self._wanted[some] = centre + light + left
                 pixel = np.repeat(some, count)
-                blank = np.flatnonzero(
-                    (lost == 0.0) & (np.bincount(ways.ray, minlength=len(lost)) == 0)
-                )
                 ways = ways.scaled(self._factor(some)[ways.ray // count])
                 # The picture of such a pixel also shows what is behind the glass, unrefracted.
                 ways = joined(Ways, (ways, self._follower.before(some, places, blank)))

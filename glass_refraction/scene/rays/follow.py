@@ -355,14 +355,22 @@ class Follower:
         seen[ray] = True
         rays = np.flatnonzero(seen)
         if len(rays):
-            origins, directions = self._rays(pixels, places)
-            origins, directions = origins[rays], _unit(directions[rays])
+            origins, directions = (part[rays] for part in self._rays(pixels, places))
+            directions = _unit(directions)
             entry, _ = self._within(origins, directions)
-            # Before the others there is not even a thing's box.
-            near = np.flatnonzero(near_boxes(self.boxes, origins.T, directions.T, entry))
-            distance, _ = self.eyes.cast(origins[near], directions[near])
-            seen[rays[near]] = distance >= entry[near]
+            distance, _ = self._met_first(origins, directions, entry)
+            seen[rays] = distance >= entry
         return seen
+
+    def _met_first(
+        self, origins: np.ndarray, directions: np.ndarray, way: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Metres (M,) to the things that rays from the eye meet, and their triangles; infinite and
+        -1 where there is not even a thing's box within a way (M,)."""
+        distance, triangle = np.full(len(way), np.inf), np.full(len(way), -1, np.intp)
+        near = np.flatnonzero(near_boxes(self.boxes, origins.T, directions.T, way))
+        distance[near], triangle[near] = self.eyes.cast(origins[near], directions[near])
+        return distance, triangle
 
     def before(self, pixels: np.ndarray, places: np.ndarray, rays: np.ndarray) -> Ways:
         """Ways to the things that some rays, of those of `blocks`, meet before a glass.
@@ -374,10 +382,9 @@ class Follower:
         origins, directions = (part[rays] for part in self._rays(pixels, places))
         directions = _unit(directions)
         _, leave = self._within(origins, directions)
-        near = np.flatnonzero(near_boxes(self.boxes, origins.T, directions.T, leave))
-        distance, triangle = self.eyes.cast(origins[near], directions[near])
-        met = np.flatnonzero(distance < leave[near])
-        rows, distance, triangle = near[met], distance[met], triangle[met]
+        distance, triangle = self._met_first(origins, directions, leave)
+        rows = np.flatnonzero(distance < leave)
+        distance, triangle = distance[rows], triangle[rows]
         origins, directions = origins[rows], directions[rows]
         ends = optics.exit_rays(
             self.bands[0][1],
@@ -407,12 +414,12 @@ class Follower:
 
         Their light is added to what is behind them, as in Cycles.
         """
+        low, high = self.hull
         found, last = [ways], ways
         for number in range(MOST_LAMPS):
             rows = np.flatnonzero(~last.is_sky)
             rows = rows[self._is_lamp[self.things.surface[last.triangle[rows]]]]
             point = last.point[rows]
-            low, high = self.hull
             rows = rows[((point < low) | (point > high)).any(axis=1)]
             if not len(rows):
                 break
