@@ -12,7 +12,7 @@ import numpy as np
 from ...optics.vectors import dot, perpendiculars, rotated
 from ..read.viewpoint import Viewpoint
 from .columns import joined
-from .follow import Follower, way_codes
+from .follow import ENOUGH, Follower, way_codes
 from .hits import TOGETHER, Shown, Ways
 from .lamps import Sun
 from .radiance import UNLIMITED, Clamp
@@ -40,8 +40,6 @@ MOST_UNEVEN = 0.3
 for all of the pixel. Near total reflection it changes steeply."""
 FAINTER = 4.0
 """Times its own light: a way takes as many places as that asks for, its pixel's at most."""
-ENOUGH = 0.25
-"""Part of a ray's light that must have been followed to stand for all of it."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
 """Of the engines' pixel filters as a Gauss bell, standard deviation over the filter's size: the
 engines' own, whose window of Blackman and Harris is twice as wide, or `WORKBENCH_SIGMA`."""
@@ -66,7 +64,7 @@ class PictureRays:
     ----------
     pixel : (R,) number of each ray's pixel in the frame, row by row from the lower left.
     share : (R,) part of its pixel that a ray stands for.
-    dark : (R,) part of a ray's light that glasses cover and no way brings.
+    dark : (R,) part of a ray's light that stays in the glasses.
     ways : their ``ray`` counts these rays.
     """
 
@@ -100,27 +98,21 @@ def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.nd
 
 def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
     """One ray through the centre of each pixel (N,); those that meet a glass have ways."""
-    left: list[np.ndarray] = []
+    left: list[tuple[np.ndarray, np.ndarray]] = []
 
     def parts() -> Iterator[Ways]:
         first = 0
-        for block, ways, lost in follower.blocks(pixels, np.zeros((1, 2))):
+        for block, ways, lost, dark in follower.blocks(pixels, np.zeros((1, 2))):
             yield replace(ways, ray=ways.ray + np.int32(first))
-            left.append(lost)
+            left.append((lost, dark))
             first += len(block)
 
     ways = joined(Ways, parts())
-    lost = np.concatenate(left)
+    lost, dark = map(np.concatenate, zip(*left, strict=True))
     # What was not followed goes with what was.
     brought = np.bincount(ways.ray, ways.weight, len(lost))
     factor = (brought + lost) / np.maximum(brought, ENOUGH)
-    dark = _left(brought + lost, brought * factor)
     return PictureRays(pixels, np.ones(len(pixels)), dark, ways.scaled(factor[ways.ray]))
-
-
-def _left(wanted: np.ndarray, brought: np.ndarray) -> np.ndarray:
-    """What is left of wanted light: too little was followed there to stand for all of it."""
-    return np.maximum(wanted - brought, 0.0)
 
 
 class FinerRays:
@@ -175,6 +167,7 @@ class FinerRays:
         light = self.share * coarse.ways.weight[self.kept]
         self._brought = np.bincount(self._known, light, len(most)).astype(float)
         self._wanted = self._brought.copy()
+        self._stays = np.zeros(len(most))
 
     def _places(self, light: np.ndarray) -> np.ndarray:
         """(N,) places in a pixel, by the part of its light (N,) that ends or is stretched."""
@@ -211,10 +204,13 @@ class FinerRays:
             pixels = np.flatnonzero((self._ends > least) & (self._ends <= most))
             places = self._sigma * _lattice(count)
             one = 1.0 / (count + self._follower.rough)
-            for some, ways, lost in self._follower.blocks(pixels, places, self._codes):
+            for some, ways, lost, dark in self._follower.blocks(pixels, places, self._codes):
                 light = np.bincount(ways.ray, ways.weight, len(lost))
-                blank = np.flatnonzero((light == 0.0) & (lost == 0.0))
-                light, left = (one * p.reshape(-1, count).sum(axis=1) for p in (light, lost))
+                blank = np.flatnonzero(light + lost + dark == 0.0)
+                light, left, dark = (
+                    one * p.reshape(-1, count).sum(axis=1) for p in (light, lost, dark)
+                )
+                self._stays[some] = dark
                 centre = self._brought[some] if self._follower.rough else 0.0
                 self._brought[some] += light
                 self._wanted[some] = centre + light + left
@@ -238,8 +234,7 @@ class FinerRays:
     @property
     def dark(self) -> np.ndarray:
         """(R,) what is dark in the pixels of `coarse` then."""
-        left = _left(self._wanted, self._brought * self._factor(slice(None)))[self.pixel]
-        return np.where(self._rough[self.pixel], left, self._dark)
+        return np.where(self._rough[self.pixel], self._stays[self.pixel], self._dark)
 
 
 def together(parts: list[PictureRays]) -> PictureRays:
@@ -392,6 +387,14 @@ def ending(
             stretched[some] = np.maximum(stretched[some], stretch)
     way = np.maximum(way, np.where(runs_on, 0.0, stretched))
     np.maximum.at(beyond, pixel, way)
+    if rays.dark.any():
+        dark = np.zeros(width * height)
+        dark[rays.pixel] = rays.dark
+        dark, frame = dark.reshape(height, width), beyond.reshape(height, width)
+        for one, other in (np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]):
+            light = END * np.abs(dark[one] - dark[other])
+            for side in (one, other):
+                np.maximum(frame[side], light, out=frame[side])
     return Endings(beyond, way, np.where(runs_on, stretched, 0.0))
 
 

@@ -20,7 +20,6 @@ from ...optics.exit_rays import TOUCHING, grain, near_boxes
 from ...optics.vectors import dot
 from ..memory import counters
 from ..progress import check
-from ..read.viewpoint import Viewpoint
 from .caster import Caster, Past
 from .columns import Columns, joined
 from .hits import Ways
@@ -28,6 +27,7 @@ from .meshes import GlassMeshes
 from .moved import Boxes, Known
 from .sketches import Sketches
 from .things import Things
+from .views import RadianceView
 
 Band = tuple[tuple[float, float, float], list[optics.Placed]]
 """What light of a band brings to the colours, and the glasses as it finds them."""
@@ -37,6 +37,9 @@ CONTACT = 1e-5
 FINE = 5.0
 """Where a pixel has many rays, ways must carry so much more of a ray's light: it is a part of the
 pixel's."""
+ENOUGH = 0.25
+"""Part of a ray's light that must be followed to stand for all of it. Where less is, total
+reflection keeps the rest in the glasses: it is dark."""
 TOGETHER = 100_000
 """Rays that are followed together. While they are, each takes a kilobyte and more; fewer would cost
 time, for each step is a batch of casts."""
@@ -183,7 +186,7 @@ class Follower:
 
     Attributes
     ----------
-    view : the camera. bands : glasses in light of each band.
+    view : the camera's own. bands : glasses in light of each band.
     caster : of what light meets that leaves the glasses. eyes : of what rays from the eye meet.
     things : all these. boxes : (B, 2, 3) round them.
     hull : (2, 3) a box round all glasses. stamp : of the glasses and of how they are followed.
@@ -192,7 +195,7 @@ class Follower:
     through : (T,) bool, which triangles are seen through the glasses; None: all.
     """
 
-    view: Viewpoint
+    view: RadianceView
     bands: Sequence[Band]
     caster: Caster | Past
     eyes: Caster | Past
@@ -214,7 +217,7 @@ class Follower:
         # Where things reach among the glasses, rays depend on how exactly they are met.
         accuracy = 0.0 if self._apart else grain(self.boxes)
         self.kept.match(
-            self.view.stamp(),
+            self.view.stamp,
             (*self.stamp, accuracy),
             Known(self.things, self.through),
             2.0 * self._skin + 4.0 * accuracy,
@@ -239,7 +242,7 @@ class Follower:
 
     def blocks(
         self, pixels: np.ndarray, places: np.ndarray, settled: np.ndarray | None = None
-    ) -> Iterator[tuple[np.ndarray, Ways, np.ndarray]]:
+    ) -> Iterator[tuple[np.ndarray, Ways, np.ndarray, np.ndarray]]:
         """Ways of rays through places (P, 2) of each pixel (N,), numbers rising, from its centre.
 
         Rays that meet no glass first have no way.
@@ -251,7 +254,8 @@ class Follower:
 
         Yields
         ------
-        At least once: a part of the pixels, their ways and lost light, see `Block`.
+        At least once: a part of the pixels, their ways, and parts of each ray's light: what was not
+        followed, and what stays in the glasses.
         """
         least = self.min_weight if settled is None else self.fine_weight
         key = (least, places.tobytes())
@@ -264,13 +268,16 @@ class Follower:
             rows, ray = whole.rows_of(whole.ways.ray, part, len(places))
             lost = whole.lost_of(part, len(places))
             if self._apart:
-                seen = self._unhidden(ray, part, places)
+                met = lost > 0.0
+                met[ray] = True
+                seen = self._unhidden(met, part, places)
                 rows, ray, lost = rows[seen[ray]], ray[seen[ray]], lost * seen
+            lost, dark = apart_from_dark(lost)
             some = unsettled(whole.ways, rows, ray, lost, part, settled)
             if self._apart:
                 self._end(whole.ways, rows[some])
             ways = replace(whole.ways.take(rows[some]), ray=ray[some])
-            yield part, self._past_lamps(ways), lost
+            yield part, self._past_lamps(ways), lost, dark
         if kept:
             self.kept.parts[key] = kept
 
@@ -280,8 +287,8 @@ class Follower:
         offset = np.tile(places, (len(pixels), 1))
         x = pixel % width + 0.5 + offset[:, 0]
         y = pixel // width + 0.5 + offset[:, 1]
-        origins, directions = self.view.rays(x, y)
-        return np.array(origins), np.array(directions)
+        origins, directions = self.view.rays(np.stack((x, y), axis=1))
+        return origins, np.array(directions)
 
     def _traced(self, pixels: np.ndarray, places: np.ndarray, least: float, keep: bool) -> Block:
         """What rays do, up to the things that they meet if these reach among the glasses."""
@@ -349,11 +356,10 @@ class Follower:
             return old
         return _merged(old, self._traced(new, places, least, keep), len(places))
 
-    def _unhidden(self, ray: np.ndarray, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """(N · P,) which rays, of those (K,) that have ways, meet no thing before the glasses."""
-        seen = np.zeros(len(pixels) * len(places), bool)
-        seen[ray] = True
-        rays = np.flatnonzero(seen)
+    def _unhidden(self, met: np.ndarray, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """(N · P,) which rays, of those that have met a glass, meet no thing before it."""
+        seen = met.copy()
+        rays = np.flatnonzero(met)
         if len(rays):
             origins, directions = (part[rays] for part in self._rays(pixels, places))
             directions = _unit(directions)
@@ -452,11 +458,8 @@ class Follower:
         """What rays meet; those that come from the eye have passed no glass."""
         if self.eyes is self._beyond:
             return self.eyes.cast(origins, directions)
-        ahead = np.abs(dot((origins - self.view.eye).T, self.view.forward))
-        if self.view.is_parallel:
-            first = ahead <= self._skin
-        else:
-            first = np.all(origins == self.view.eye, axis=1)
+        ahead = dot((origins - self.view.eye).T, self.view.forward) - self.view.near
+        first = np.abs(ahead) <= self._skin
         distance, triangle = np.full(len(origins), np.inf), np.full(len(origins), -1, np.intp)
         for rows, caster in ((first, self.eyes), (~first, self._beyond)):
             rows = np.flatnonzero(rows)
@@ -478,6 +481,12 @@ class Follower:
 def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:
     """(K,) int64, the same for ways of a pixel through the same interfaces (a hash)."""
     return path ^ (pixel.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)).view(np.int64)
+
+
+def apart_from_dark(lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Parts (M,) of rays' light, lost in all: what was not followed, what stays in the glasses."""
+    dark = np.where(lost > 1.0 - ENOUGH, lost, 0.0)
+    return lost - dark, dark
 
 
 def unsettled(

@@ -206,7 +206,7 @@ def compute(
         CONTACT * scale,
     )
     direct = direct_view(frame.view, frame.region, frame.near, frame.far)
-    follower = _follower(frame, scene, bodies, meshes, kept)
+    follower = _follower(frame, scene, direct, bodies, meshes, kept)
     rays, views = _followed(frame, scene, direct, bodies, follower, scale, room)
     tell("adding up the light")
     result = _summed(frame, scene, views, rays)
@@ -255,13 +255,17 @@ def _cut(rect, region) -> tuple[int, int, int, int]:
 
 
 def _follower(
-    frame: FrameInput, scene: Scene, bodies: Sequence[Glass], meshes: GlassMeshes, kept: Kept
+    frame: FrameInput,
+    scene: Scene,
+    direct: RadianceView,
+    bodies: Sequence[Glass],
+    meshes: GlassMeshes,
+    kept: Kept,
 ) -> Follower:
     """Follows the rays of the picture."""
-    view = frame.view
     glasses = tuple(glass.stamp() for glass in frame.glasses)
     return Follower(
-        view,
+        direct,
         _bands(frame.glasses),
         scene.caster,
         scene.eyes,

@@ -27,7 +27,7 @@ from glass_refraction.scene.rays.exits import (
     sun_light,
     together,
 )
-from glass_refraction.scene.rays.follow import unsettled
+from glass_refraction.scene.rays.follow import apart_from_dark, unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
 from glass_refraction.scene.rays.lamps import Sun
 from glass_refraction.scene.rays.true import _filter_size
@@ -71,8 +71,9 @@ class Following:
         x, y = np.tile(places, (len(pixels), 1)).T
         rays = self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y)
         ways, lost = self._follow(*rays)
-        rows = np.arange(len(ways))
-        yield pixels, ways.take(unsettled(ways, rows, ways.ray, lost, pixels, settled)), lost
+        lost, dark = apart_from_dark(lost)
+        rows = unsettled(ways, np.arange(len(ways)), ways.ray, lost, pixels, settled)
+        yield pixels, ways.take(rows), lost, dark
 
     def before(self, pixels, places, rays):
         """Nothing stands before the glasses."""
@@ -208,6 +209,33 @@ def test_rays_of_which_no_way_was_followed_are_dark_and_cover_their_pixel():
     rays = centre_rays(np.arange(10), Following(view_of(), follow))
     np.testing.assert_array_equal(rays.dark, np.arange(10) < 4)
     np.testing.assert_array_equal(rays.ways.weight, 1.0)
+
+
+@pytest.mark.parametrize("wide", [1, 9])
+def test_the_border_of_what_stays_dark_is_as_smooth_as_any(wide):
+    """Light of some columns stays in the glass; beside them is none, or glass that brings all."""
+    focal, size = 1.5, SIZE
+    low = (2.0 * 20.3 / size[0] - 1.0) / focal
+    high = (2.0 * (20.3 + wide) / size[0] - 1.0) / focal
+
+    def follow(origins, directions):
+        ways, _ = straight(origins, directions)
+        slope = directions[:, 0] / -directions[:, 2]
+        lost = (slope > low) & (slope < high)
+        return ways.take(np.flatnonzero(slope >= high)), lost.astype(float)
+
+    follower = Following(view_of(focal, size), follow)
+    coarse = centre_rays(np.arange(size[0] * size[1]), follower)
+    shown = Shown(np.zeros(len(coarse.ways), int), np.zeros((len(coarse.ways), 2)))
+    label = np.zeros(len(coarse.ways), int)
+    ends = ending(coarse, neighbours(coarse, size), shown, label, size)
+    _, centre, _ = _finer(coarse, ends, 0.3, follower)
+    columns = centre.dark.reshape(size[1], size[0])
+    assert np.ptp(columns, axis=0).max() == 0.0
+    row, x = columns[0], np.arange(size[0]) + 0.5
+    bell = NormalDist(sigma=0.3)
+    wanted = [bell.cdf(20.3 + wide - a) - bell.cdf(20.3 - a) for a in x]
+    np.testing.assert_allclose(row, wanted, atol=1.1 / FINER[1][0])
 
 
 def test_ways_that_do_not_end_stay_with_the_pixels_centre_and_all_light_comes():

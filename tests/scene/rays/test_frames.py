@@ -481,6 +481,28 @@ def test_an_eye_in_the_glass_itself(tmp_path):
         assert _psnr(found, _reference(scene), covered) > 25.0
 
 
+@pytest.mark.parametrize("shape", ["SPHERE", "CYLINDER", "MESH"])
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_what_lies_before_the_cameras_clip_start_is_not_there(tmp_path, shape, kind):
+    """The camera sees from there on: glass is cut open, and things before it hide nothing."""
+    scenes.camera(
+        tilt=np.pi / 2, type=kind, lens=100, ortho_scale=0.1, location=(0, -0.5, 0.03),
+        clip_start=0.5 if shape == "CYLINDER" else 0.485,
+    )  # fmt: skip
+    _wall(stripes=6)
+    scene = _scene(samples=32)
+    _world((0.3, 0.3, 0.3))
+    if shape == "MESH":
+        bpy.ops.mesh.primitive_uv_sphere_add(radius=0.03, location=(0, 0, 0.03))
+        bpy.ops.object.shade_smooth()
+        bpy.ops.object.refractive_glass_modifier_add(shape="MESH")
+    else:
+        glass = scenes.glass(shape=shape, radius=0.03, wall_thickness=0.004 * (shape != "SPHERE"))
+        glass.location.z = 0.03 * (shape == "SPHERE")
+    bpy.ops.mesh.primitive_plane_add(size=0.2, location=(0, -0.3, 0.03), rotation=(1.5, 0, 0))
+    _against_cycles(scene, tmp_path, 27.0)
+
+
 # ---------------------------------------------------------------------------- kinds of things seen
 
 
