@@ -287,12 +287,14 @@ def root_mean(squares: np.ndarray) -> float:
     return float(np.sqrt(max(0.0, squares.mean()))) if squares.size else 0.0
 
 
-def held_against_cycles(seed: int, folder: Path) -> dict:
-    """Render one scene both ways, write its picture, and return its row."""
+def held_against_cycles(seed: int, engine: str, folder: Path) -> dict:
+    """Render one scene both ways, ours by an engine, write its picture, and return its row."""
     began = time.process_time()
     maker = Maker(seed)
     scene = maker.scene()
     row = {"seed": seed, "notes": maker.notes}
+    scene.render.engine = engine
+    scene.eevee.taa_render_samples, scene.eevee.use_raytracing = SAMPLES, True
     try:
         ours = to_srgb(composite(scene))[..., :3]
         computed(scene)
@@ -324,6 +326,7 @@ def main() -> None:
     """Make scenes, render them, list the worst."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--engine", default="CYCLES", choices=("CYCLES", "BLENDER_EEVEE"))
     parser.add_argument("--first", type=int, default=0, help="seed of the first scene")
     parser.add_argument("--count", type=int, default=20, help="how many scenes")
     asked = parser.parse_args()
@@ -332,7 +335,7 @@ def main() -> None:
     rows = []
     with open(asked.folder / "scenes.jsonl", "a") as lines:
         for seed in range(asked.first, asked.first + asked.count):
-            row = held_against_cycles(seed, asked.folder)
+            row = held_against_cycles(seed, asked.engine, asked.folder)
             lines.write(json.dumps(row) + "\n")
             lines.flush()
             print(row, flush=True)
