@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,6 +56,7 @@ def path_weights(
     row = {name: number for number, name in enumerate(dict.fromkeys(events))}
     found = np.zeros((len(row), total))
     radial = radial_weights(glass, np.asarray(eye, dtype=float), row)
+    onward = _towards(row)
 
     def work(block: slice) -> None:
         if radial is not None:
@@ -67,8 +68,9 @@ def path_weights(
                 return
         rays, proper = start(glass, origins[block], directions[block])
         index = np.flatnonzero(proper)
-        for name, which, weight in _follow(glass, rays.take(index), row):
-            found[row[name], block.start + index[which]] = weight
+        for name, which, weight in _follow(glass, rays.take(index), onward):
+            if name in row:
+                found[row[name], block.start + index[which]] = weight
 
     in_blocks(work, total)
     rest = np.clip(1.0 - found.sum(axis=0), 0.0, 1.0)
@@ -83,27 +85,36 @@ def radial_weights(glass: Glass, eye: Floats, wanted: Iterable[str]) -> RadialWe
     return RadialWeights(glass, int(media[0]), wanted) if len(media) == 1 else None
 
 
-def _follow(glass: Glass, rays: Bundle, wanted: Iterable[str]):
-    """Complete paths among `wanted`: (events, indices of rays, weights), prefixes shared."""
-    wanted = frozenset(wanted)
+def _towards(wanted: Iterable[str]) -> Callable[[str, Floats], NDArray]:
+    """What has `_follow` come to these paths."""
     prefixes = {name[:end] for name in wanted for end in range(len(name) + 1)}
+    return lambda events, part: np.arange(len(part) if events in prefixes else 0)
+
+
+def _follow(glass: Glass, rays: Bundle, onward: Callable[[str, Floats], NDArray]):
+    """Complete paths: (events, indices of rays, weights), prefixes shared.
+
+    ``onward(events, weights)`` tells which of some rays are followed on behind these events, given
+    their weights so far.
+    """
     stack = [("", rays, np.arange(len(rays.length)), np.ones(len(rays.length)))]
     while stack:
         events, rays, index, weight = stack.pop()
         meeting = meet(glass, rays)
-        if events in wanted:
-            ends = ~meeting.met if events else ~meeting.inside
-            yield events, index[ends], weight[ends]
-        onward = [event for event in "TR" if events + event in prefixes]
-        if not onward or not meeting.inside.any():
-            continue
+        ends = ~meeting.met if events else ~meeting.inside
+        yield events, index[ends], weight[ends]
         on = np.flatnonzero(meeting.inside)
+        if not len(on):
+            continue
         rays, meeting, index, weight = rays.take(on), meeting.take(on), index[on], weight[on]
         reflected = reflectance(glass, rays, meeting)
-        for event in onward:
-            after, possible = advance(glass, rays, meeting, event)
+        for event in "TR":
             part = weight * (reflected if event == "R" else 1.0 - reflected)
-            stack.append((events + event, after.take(possible), index[possible], part[possible]))
+            going = onward(events + event, part)
+            if len(going):
+                after, possible = advance(glass, rays.take(going), meeting.take(going), event)
+                going = going[possible]
+                stack.append((events + event, after.take(possible), index[going], part[going]))
 
 
 def light_paths(
@@ -137,29 +148,19 @@ def light_paths(
     share = share / share[hits].sum()
     hits = np.flatnonzero(hits & ~_trapped(glass, rays))
     longest = _longest(glass, min_weight)
-    means: dict[str, float] = {}
-    peaks: dict[str, float] = {}
-    stack = [("", rays.take(hits), share[hits], np.ones(len(hits)))]
-    while stack:
-        events, rays, part, weight = stack.pop()
-        meeting = meet(glass, rays)
-        ends = ~meeting.met
-        if events and ends.any():
-            means[events] = float(np.sum(part[ends] * weight[ends]))
-            peaks[events] = float(weight[ends].max())
-        on = np.flatnonzero(meeting.inside)
-        rays, meeting, part, weight = rays.take(on), meeting.take(on), part[on], weight[on]
-        reflected = reflectance(glass, rays, meeting)
-        for event in "TR":
-            carried = weight * (reflected if event == "R" else 1.0 - reflected)
-            # Weights only fall along a path: what is too weak everywhere now stays so. Rays far
-            # below the bound no longer count for the mean.
-            if not (carried > min_weight).any() or len(events) >= longest:
-                continue
-            strong = np.flatnonzero(carried > 0.1 * min_weight)
-            after, possible = advance(glass, rays.take(strong), meeting.take(strong), event)
-            strong = strong[possible]
-            stack.append((events + event, after.take(possible), part[strong], carried[strong]))
+
+    def onward(events: str, carried: Floats) -> NDArray:
+        # Weights only fall along a path: what is too weak everywhere now stays so. Rays far below
+        # the bound no longer count for the mean.
+        if len(events) > longest or not (carried > min_weight).any():
+            return np.arange(0)
+        return np.flatnonzero(carried > 0.1 * min_weight)
+
+    means, peaks = {}, {}
+    for name, which, weight in _follow(glass, rays.take(hits), onward):
+        if len(which):
+            means[name] = float(np.sum(share[hits[which]] * weight))
+            peaks[name] = float(weight.max())
     kept = [name for name, peak in peaks.items() if peak > min_weight]
     kept.sort(key=lambda name: (-means[name], len(name), name))
     return tuple(LightPath(name) for name in kept)
