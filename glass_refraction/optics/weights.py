@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .axial import AxialGlass, light_paths_axial, weights_axial
+from .axial import AxialGlass, light_paths_axial, strong, strongest, weights_axial
 from .glasses import CylinderGlass, FlatGlass, Glass
 from .paths import LightPath, ParallelView, as_eye, as_path
 from .radial import RadialWeights
@@ -18,6 +18,10 @@ from .tracing import Bundle, advance, meet, reflectance, start
 from .vectors import perpendiculars
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+Onward = Callable[[str, Floats], Flags | None]
+"""Tells, of the light that arrives after some events, which rays to follow on (None: no)."""
 
 
 def path_weights(
@@ -85,18 +89,14 @@ def radial_weights(glass: Glass, eye: Floats, wanted: Iterable[str]) -> RadialWe
     return RadialWeights(glass, int(media[0]), wanted) if len(media) == 1 else None
 
 
-def _towards(wanted: Iterable[str]) -> Callable[[str, Floats], NDArray]:
+def _towards(wanted: Iterable[str]) -> Onward:
     """What has `_follow` come to these paths."""
     prefixes = {name[:end] for name in wanted for end in range(len(name) + 1)}
-    return lambda events, part: np.arange(len(part) if events in prefixes else 0)
+    return lambda events, weight: np.ones(len(weight), bool) if events in prefixes else None
 
 
-def _follow(glass: Glass, rays: Bundle, onward: Callable[[str, Floats], NDArray]):
-    """Complete paths: (events, indices of rays, weights), prefixes shared.
-
-    ``onward(events, weights)`` tells which of some rays are followed on behind these events, given
-    their weights so far.
-    """
+def _follow(glass: Glass, rays: Bundle, onward: Onward):
+    """Complete paths: (events, indices of rays, weights), prefixes shared."""
     stack = [("", rays, np.arange(len(rays.length)), np.ones(len(rays.length)))]
     while stack:
         events, rays, index, weight = stack.pop()
@@ -110,11 +110,13 @@ def _follow(glass: Glass, rays: Bundle, onward: Callable[[str, Floats], NDArray]
         reflected = reflectance(glass, rays, meeting)
         for event in "TR":
             part = weight * (reflected if event == "R" else 1.0 - reflected)
-            going = onward(events + event, part)
-            if len(going):
-                after, possible = advance(glass, rays.take(going), meeting.take(going), event)
-                going = going[possible]
-                stack.append((events + event, after.take(possible), index[going], part[going]))
+            keep = onward(events + event, part)
+            if keep is None:
+                continue
+            going = np.flatnonzero(keep)
+            after, possible = advance(glass, rays.take(going), meeting.take(going), event)
+            going = going[possible]
+            stack.append((events + event, after.take(possible), index[going], part[going]))
 
 
 def light_paths(
@@ -149,21 +151,12 @@ def light_paths(
     hits = np.flatnonzero(hits & ~_trapped(glass, rays))
     longest = _longest(glass, min_weight)
 
-    def onward(events: str, carried: Floats) -> NDArray:
-        # Weights only fall along a path: what is too weak everywhere now stays so. Rays far below
-        # the bound no longer count for the mean.
-        if len(events) > longest or not (carried > min_weight).any():
-            return np.arange(0)
-        return np.flatnonzero(carried > 0.1 * min_weight)
+    def onward(events: str, weight: Floats) -> Flags | None:
+        return None if len(events) > longest else strong(weight, min_weight)
 
-    means, peaks = {}, {}
-    for name, which, weight in _follow(glass, rays.take(hits), onward):
-        if len(which):
-            means[name] = float(np.sum(share[hits[which]] * weight))
-            peaks[name] = float(weight.max())
-    kept = [name for name, peak in peaks.items() if peak > min_weight]
-    kept.sort(key=lambda name: (-means[name], len(name), name))
-    return tuple(LightPath(name) for name in kept)
+    ends = _follow(glass, rays.take(hits), onward)
+    ends = ((name, weight, share[hits[which]]) for name, which, weight in ends)
+    return tuple(LightPath(name) for name in strongest(ends, min_weight))
 
 
 def _longest(glass: Glass, min_weight: float) -> int:
