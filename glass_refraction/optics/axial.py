@@ -582,19 +582,34 @@ def light_paths_axial(glass: AxialGlass, eye, min_weight: float) -> tuple[LightP
     group, share = _sample_group(glass, view, SAMPLES)
 
     def onward(steps, weight):
-        if len(steps) > LONGEST or not (weight > min_weight).any():
-            return None
-        return weight > 0.1 * min_weight
+        return None if len(steps) > LONGEST else strong(weight, min_weight)
 
-    means: dict[Steps, float] = {}
-    peaks: dict[Steps, float] = {}
-    for end in follow(glass, [group], onward):
-        if end.steps:
-            means[end.steps] = float(np.sum(share[end.index] * end.weight))
-            peaks[end.steps] = float(end.weight.max())
-    kept = [steps for steps, peak in peaks.items() if peak > min_weight]
-    kept.sort(key=lambda steps: (-means[steps], len(steps), steps))
-    return tuple(path_of(steps) for steps in kept)
+    ends = follow(glass, [group], onward)
+    ends = ((end.steps, end.weight, share[end.index]) for end in ends)
+    return tuple(path_of(steps) for steps in strongest(ends, min_weight))
+
+
+def strong(weight: Floats, least: float) -> NDArray[np.bool_] | None:
+    """Which rays to follow on where paths count that carry more than `least`; None: no.
+
+    Weights only fall along a path: what is too weak everywhere now stays so. Rays far below the
+    bound no longer count for the mean.
+    """
+    return weight > 0.1 * least if (weight > least).any() else None
+
+
+def strongest(ends: Iterable[tuple], least: float) -> list:
+    """The paths that carry more than `least` for some ray, the largest mean weight first.
+
+    `ends`: (steps, weights of the rays that take them and no more, their shares of the picture).
+    """
+    means, peaks = {}, {}
+    for steps, weight, share in ends:
+        if steps and len(weight):
+            means[steps] = float(np.sum(share * weight))
+            peaks[steps] = float(weight.max())
+    kept = [steps for steps, peak in peaks.items() if peak > least]
+    return sorted(kept, key=lambda steps: (-means[steps], len(steps), steps))
 
 
 SAMPLES = 80

@@ -29,6 +29,18 @@ def _positive(field: str, value: object) -> float:
     return number
 
 
+def checked_level(level: object, depth: float) -> float:
+    """A liquid's level as a float, from 0 to the cup's depth."""
+    try:
+        level = float(level)
+    except (TypeError, ValueError):
+        raise ValueError(f"level must be a number or None, not {level!r}") from None
+    # Rounding of the caller's own sums is no fault of theirs.
+    if not (math.isfinite(level) and 0.0 <= level <= depth * (1.0 + NEARLY)):
+        raise ValueError(f"level must be between 0 and {depth}, not {level!r}")
+    return min(level, depth)
+
+
 def _positives(field: str, values: object) -> tuple[float, ...]:
     if isinstance(values, str) or not hasattr(values, "__iter__"):
         values = (values,)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,7 +12,7 @@ from .axial import AxialGlass, lengths_axial
 from .glasses import Glass
 from .paths import LightPath, as_path
 from .solver import in_blocks
-from .tracing import advance, meet, start
+from .tracing import along, meet, start
 from .weights import radial_weights
 
 
@@ -74,18 +76,11 @@ def path_lengths(
 def _followed(glass, origins, directions, events):
     """Indices of rays that take the path, their lengths and media, by following every ray."""
     rays, proper = start(glass, origins, directions)
-    index = np.flatnonzero(proper)
-    rays, ways, through = rays.take(index), [], []
-    for number, event in enumerate(events):
-        meeting = meet(glass, rays)
-        on = np.flatnonzero(meeting.inside)
-        medium = rays.medium[on]
-        rays, possible = advance(glass, rays.take(on), meeting.take(on), event)
-        on = on[possible]
-        rays, index = rays.take(possible), index[on]
-        ways, through = [way[on] for way in ways], [part[on] for part in through]
-        if number:
-            ways.append(meeting.distance[on])
-            through.append(medium[possible])
-    ends = ~meet(glass, rays).met
-    return [(index[ends], np.stack(ways)[:, ends], np.stack(through)[:, ends])]
+    _, *steps = along(glass, rays.take(proper), events)
+    index, last = steps[-1]
+    index = index[~meet(glass, last).met]
+    # What each stretch adds, and its medium, of those that came to the end.
+    steps = [rays.take(np.searchsorted(which, index)) for which, rays in steps]
+    ways = np.stack([after.length - before.length for before, after in pairwise(steps)])
+    through = np.stack([rays.medium for rays in steps[:-1]])
+    return [(np.flatnonzero(proper)[index], ways, through)]

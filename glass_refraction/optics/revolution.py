@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .axial import AxialGlass, Interface
-from .glasses import _positive
+from .glasses import _positive, checked_level
 from .profiles import Curve, Profile, as_curve
 from .surfaces import Plane
 
@@ -74,17 +73,9 @@ class RevolutionGlass(AxialGlass):
         set_field(self, "inner", _tuples(self.inner))
         set_field(self, "_inner", inner)
         _from_axis("inner", self.inner)
-        if self.level is None:
-            return
-        try:
-            level = float(self.level)
-        except (TypeError, ValueError):
-            raise ValueError(f"level must be a number or None, not {self.level!r}") from None
-        nodes = _nodes(self.inner)
-        depth = nodes[-1][1] - nodes[0][1]
-        if not (math.isfinite(level) and 0.0 <= level <= depth):
-            raise ValueError(f"level must be between 0 and {depth}, not {self.level!r}")
-        set_field(self, "level", level)
+        if self.level is not None:
+            nodes = _nodes(self.inner)
+            set_field(self, "level", checked_level(self.level, nodes[-1][1] - nodes[0][1]))
 
     @cached_property
     def scale(self) -> float:

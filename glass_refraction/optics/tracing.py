@@ -255,7 +255,7 @@ def trace(
         rays.length.copy(),
     )
     valid = np.zeros(len(proper), dtype=bool)
-    *_, (index, last) = _along(glass, rays.take(np.flatnonzero(proper)), events)
+    *_, (index, last) = along(glass, rays.take(np.flatnonzero(proper)), events)
     index = np.flatnonzero(proper)[index]
     meeting = meet(glass, last)
     ends = ~meeting.met if events else ~meeting.inside
@@ -265,7 +265,7 @@ def trace(
     return TracedRays(origins, directions, lengths, valid)
 
 
-def _along(glass: Glass, rays: Bundle, events: str) -> Iterator[tuple[NDArray, Bundle]]:
+def along(glass: Glass, rays: Bundle, events: str) -> Iterator[tuple[NDArray, Bundle]]:
     """Rays before and after each event: numbers of those that take all so far, and these."""
     index = np.arange(len(rays.medium))
     yield index, rays
@@ -305,7 +305,7 @@ def stretches(
             traced = trace(glass, origins, directions, part)
             found.append((traced.origin, traced.direction))
     elif path.events:
-        _, *on_the_way, _ = _along(glass, start(glass, origins, directions)[0], path.events)
+        _, *on_the_way, _ = along(glass, start(glass, origins, directions)[0], path.events)
         found += [(rays.origin, rays.direction) for _, rays in on_the_way]
     found.append((whole.origin[takes], whole.direction[takes]))
     places = [place for place, _ in found]

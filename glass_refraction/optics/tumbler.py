@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .axial import SOLID, AxialGlass, Interface
-from .glasses import NEARLY, _positive
+from .glasses import NEARLY, _positive, checked_level
 from .surfaces import Cylinder, Plane
 
 OUTSIDE, GLASS, LIQUID = 0, SOLID, 2
@@ -79,16 +78,9 @@ class Tumbler(AxialGlass):
             raise ValueError(
                 f"bottom must be thinner than height {self.height}, not {self.bottom!r}"
             )
-        if self.level is None:
-            return
-        try:
-            level = float(self.level)
-        except (TypeError, ValueError):
-            raise ValueError(f"level must be a number or None, not {self.level!r}") from None
-        depth = self.height - self.bottom
-        if not (math.isfinite(level) and 0.0 <= level <= depth * (1.0 + NEARLY)):
-            raise ValueError(f"level must be between 0 and {depth}, not {self.level!r}")
-        object.__setattr__(self, "level", min(level, depth))
+        if self.level is not None:
+            level = checked_level(self.level, self.height - self.bottom)
+            object.__setattr__(self, "level", level)
 
     @property
     def scale(self) -> float:

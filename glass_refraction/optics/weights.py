@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .axial import AxialGlass, light_paths_axial, weights_axial
+from .axial import AxialGlass, light_paths_axial, strong, strongest, weights_axial
 from .glasses import CylinderGlass, FlatGlass, Glass
 from .paths import LightPath, ParallelView, as_eye, as_path
 from .radial import RadialWeights
@@ -18,6 +18,10 @@ from .tracing import Bundle, advance, meet, reflectance, start
 from .vectors import perpendiculars
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+Onward = Callable[[str, Floats], Flags | None]
+"""Tells, of the light that arrives after some events, which rays to follow on (None: no)."""
 
 
 def path_weights(
@@ -56,6 +60,7 @@ def path_weights(
     row = {name: number for number, name in enumerate(dict.fromkeys(events))}
     found = np.zeros((len(row), total))
     radial = radial_weights(glass, np.asarray(eye, dtype=float), row)
+    onward = _towards(row)
 
     def work(block: slice) -> None:
         if radial is not None:
@@ -67,8 +72,9 @@ def path_weights(
                 return
         rays, proper = start(glass, origins[block], directions[block])
         index = np.flatnonzero(proper)
-        for name, which, weight in _follow(glass, rays.take(index), row):
-            found[row[name], block.start + index[which]] = weight
+        for name, which, weight in _follow(glass, rays.take(index), onward):
+            if name in row:
+                found[row[name], block.start + index[which]] = weight
 
     in_blocks(work, total)
     rest = np.clip(1.0 - found.sum(axis=0), 0.0, 1.0)
@@ -83,27 +89,34 @@ def radial_weights(glass: Glass, eye: Floats, wanted: Iterable[str]) -> RadialWe
     return RadialWeights(glass, int(media[0]), wanted) if len(media) == 1 else None
 
 
-def _follow(glass: Glass, rays: Bundle, wanted: Iterable[str]):
-    """Complete paths among `wanted`: (events, indices of rays, weights), prefixes shared."""
-    wanted = frozenset(wanted)
+def _towards(wanted: Iterable[str]) -> Onward:
+    """What has `_follow` come to these paths."""
     prefixes = {name[:end] for name in wanted for end in range(len(name) + 1)}
+    return lambda events, weight: np.ones(len(weight), bool) if events in prefixes else None
+
+
+def _follow(glass: Glass, rays: Bundle, onward: Onward):
+    """Complete paths: (events, indices of rays, weights), prefixes shared."""
     stack = [("", rays, np.arange(len(rays.length)), np.ones(len(rays.length)))]
     while stack:
         events, rays, index, weight = stack.pop()
         meeting = meet(glass, rays)
-        if events in wanted:
-            ends = ~meeting.met if events else ~meeting.inside
-            yield events, index[ends], weight[ends]
-        onward = [event for event in "TR" if events + event in prefixes]
-        if not onward or not meeting.inside.any():
-            continue
+        ends = ~meeting.met if events else ~meeting.inside
+        yield events, index[ends], weight[ends]
         on = np.flatnonzero(meeting.inside)
+        if not len(on):
+            continue
         rays, meeting, index, weight = rays.take(on), meeting.take(on), index[on], weight[on]
         reflected = reflectance(glass, rays, meeting)
-        for event in onward:
-            after, possible = advance(glass, rays, meeting, event)
+        for event in "TR":
             part = weight * (reflected if event == "R" else 1.0 - reflected)
-            stack.append((events + event, after.take(possible), index[possible], part[possible]))
+            keep = onward(events + event, part)
+            if keep is None:
+                continue
+            going = np.flatnonzero(keep)
+            after, possible = advance(glass, rays.take(going), meeting.take(going), event)
+            going = going[possible]
+            stack.append((events + event, after.take(possible), index[going], part[going]))
 
 
 def light_paths(
@@ -137,32 +150,13 @@ def light_paths(
     share = share / share[hits].sum()
     hits = np.flatnonzero(hits & ~_trapped(glass, rays))
     longest = _longest(glass, min_weight)
-    means: dict[str, float] = {}
-    peaks: dict[str, float] = {}
-    stack = [("", rays.take(hits), share[hits], np.ones(len(hits)))]
-    while stack:
-        events, rays, part, weight = stack.pop()
-        meeting = meet(glass, rays)
-        ends = ~meeting.met
-        if events and ends.any():
-            means[events] = float(np.sum(part[ends] * weight[ends]))
-            peaks[events] = float(weight[ends].max())
-        on = np.flatnonzero(meeting.inside)
-        rays, meeting, part, weight = rays.take(on), meeting.take(on), part[on], weight[on]
-        reflected = reflectance(glass, rays, meeting)
-        for event in "TR":
-            carried = weight * (reflected if event == "R" else 1.0 - reflected)
-            # Weights only fall along a path: what is too weak everywhere now stays so. Rays far
-            # below the bound no longer count for the mean.
-            if not (carried > min_weight).any() or len(events) >= longest:
-                continue
-            strong = np.flatnonzero(carried > 0.1 * min_weight)
-            after, possible = advance(glass, rays.take(strong), meeting.take(strong), event)
-            strong = strong[possible]
-            stack.append((events + event, after.take(possible), part[strong], carried[strong]))
-    kept = [name for name, peak in peaks.items() if peak > min_weight]
-    kept.sort(key=lambda name: (-means[name], len(name), name))
-    return tuple(LightPath(name) for name in kept)
+
+    def onward(events: str, weight: Floats) -> Flags | None:
+        return None if len(events) > longest else strong(weight, min_weight)
+
+    ends = _follow(glass, rays.take(hits), onward)
+    ends = ((name, weight, share[hits[which]]) for name, which, weight in ends)
+    return tuple(LightPath(name) for name in strongest(ends, min_weight))
 
 
 def _longest(glass: Glass, min_weight: float) -> int:

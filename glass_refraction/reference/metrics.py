@@ -73,23 +73,16 @@ def max_abs_error(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None) 
     return float(difference.max()) if difference.size else math.nan
 
 
-def flip(
-    reference: np.ndarray, test: np.ndarray, *, pixels_per_degree: float = PIXELS_PER_DEGREE
-) -> np.ndarray:
-    """FLIP error of each pixel (H, W) in [0, 1] between two sRGB pictures (H, W, 3) of [0, 1].
-
-    Parameters
-    ----------
-    pixels_per_degree : how many pixels a degree of the viewer's eye spans.
-    """
+def flip(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """FLIP error of each pixel (H, W) in [0, 1] between two sRGB pictures (H, W, 3) of [0, 1]."""
     _check_pair(reference, test)
     pictures = [_opponent(_linear(np.asarray(p, float))) for p in (reference, test)]
 
-    seen = [_perceived_lab(p, pixels_per_degree) for p in pictures]
+    seen = [_perceived_lab(p) for p in pictures]
     colour = _colour_error(_hyab(*seen))
 
     # The features are those of the luminance, from 0 to 1.
-    features = [_features((p[..., 0] + 16) / 116, pixels_per_degree) for p in pictures]
+    features = [_features((p[..., 0] + 16) / 116) for p in pictures]
     feature = np.maximum(*(np.abs(a - b) for a, b in zip(*features, strict=True)))
     feature = np.clip((feature / math.sqrt(2)) ** _FEATURE_EXPONENT, 0, 1)
     return colour ** (1 - feature)
@@ -139,11 +132,11 @@ def _hunt_lab(rgb: np.ndarray) -> np.ndarray:
     return np.stack((lightness, 5 * lightness * (x - y), 2 * lightness * (y - z)), axis=-1)
 
 
-def _perceived_lab(opponent: np.ndarray, pixels_per_degree: float) -> np.ndarray:
+def _perceived_lab(opponent: np.ndarray) -> np.ndarray:
     """What the eye resolves of the picture: filtered by its contrast sensitivity, in Hunt's Lab."""
     widest = max(width for terms in _SENSITIVITY for _, width in terms)
-    radius = math.ceil(3 * math.sqrt(widest / (2 * math.pi**2)) * pixels_per_degree)
-    degrees = np.arange(-radius, radius + 1) / pixels_per_degree
+    radius = math.ceil(3 * math.sqrt(widest / (2 * math.pi**2)) * PIXELS_PER_DEGREE)
+    degrees = np.arange(-radius, radius + 1) / PIXELS_PER_DEGREE
     filtered = np.empty_like(opponent)
     for channel, terms in enumerate(_SENSITIVITY):
         total = 0.0
@@ -176,9 +169,9 @@ def _colour_error(distance: np.ndarray) -> np.ndarray:
     )
 
 
-def _features(luminance: np.ndarray, pixels_per_degree: float) -> tuple[np.ndarray, np.ndarray]:
+def _features(luminance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Strength of edges and of points (H, W) in a picture of luminance [0, 1]."""
-    deviation = 0.5 * _FEATURE_WIDTH * pixels_per_degree
+    deviation = 0.5 * _FEATURE_WIDTH * PIXELS_PER_DEGREE
     radius = math.ceil(3 * deviation)
     offset = np.arange(-radius, radius + 1)
     bell = np.exp(-(offset**2) / (2 * deviation**2))

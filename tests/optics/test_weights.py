@@ -10,6 +10,7 @@ from glass_refraction.optics import tracing
 from glass_refraction.optics.coaxial import domain_of, taken_branches
 from glass_refraction.optics.paths import branches
 from glass_refraction.optics.weights import _follow as follow
+from glass_refraction.optics.weights import _towards as towards
 
 
 @pytest.mark.parametrize("kind", ["flat", "cylinder", "sphere"])
@@ -102,8 +103,9 @@ def test_the_closed_form_agrees_with_the_tracer(kind, seed):
     weights, _ = optics.path_weights(glass, eye, aims, paths)
     rays, _ = tracing.start(glass, eye, aims)
     traced = np.zeros_like(weights)
-    for name, which, weight in follow(glass, rays, names):
-        traced[names.index(name), which] = weight
+    for name, which, weight in follow(glass, rays, towards(names)):
+        if name in names:
+            traced[names.index(name), which] = weight
     # Next to grazing the tracer's own rounding, from a far eye, is what differs.
     apart = np.abs(weights - traced).max(axis=0)
     assert np.median(apart) < 1e-15

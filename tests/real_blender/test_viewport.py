@@ -130,7 +130,7 @@ def test_pixels_have_more_samples_where_samples_differ(found, kind):
 
 def test_eevee_draws_few_samples_of_captures_and_the_users_setting_stays(found):
     samples = found["moved_camera"]["samples"]
-    assert samples == [16, 16]
+    assert samples == [8, 8]
     assert 0 < found["face_samples"] < samples[0]
 
 

@@ -20,7 +20,6 @@ from glass_refraction.scene.build.texture_coordinates import (  # noqa: E402
     coordinates,
     dress,
     dressed_coordinates,
-    needed_coordinates,
     remove_unused,
     substitute,
     write_coordinates,
@@ -296,9 +295,11 @@ def test_a_copy_looks_like_its_source(scene, case):
     build, needed = CASES[case]
     source = new_source()
     source.data.materials.append(build())
-    assert needed_coordinates(source, bpy.context.evaluated_depsgraph_get()) == needed
+    copy = new_copy(source)
+    dress([copy], source, bpy.context.evaluated_depsgraph_get())
+    assert dressed_coordinates(copy) == needed
     # A hard step of a pattern may fall on a pixel's centre.
-    compare(scene, source)
+    compare(scene, source, copy=copy)
 
 
 def subdivided(source):
@@ -416,9 +417,10 @@ def test_slots_that_the_object_does_not_have(scene):
     group.links.new(begin.outputs[0], assign.inputs["Geometry"])
     group.links.new(assign.outputs[0], end.inputs[0])
     source.modifiers.new("Set", "NODES").node_group = group
-    needed = needed_coordinates(source, bpy.context.evaluated_depsgraph_get())
-    assert needed == {"rg_generated", "rg_object"}
-    compare(scene, source)
+    copy = new_copy(source)
+    dress([copy], source, bpy.context.evaluated_depsgraph_get())
+    assert dressed_coordinates(copy) == {"rg_generated", "rg_object"}
+    compare(scene, source, copy=copy)
 
 
 def test_slots_linked_to_the_object(scene):

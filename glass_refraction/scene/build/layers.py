@@ -27,7 +27,7 @@ from .own_scenes import (
     new_collection,
     new_object,
     own_scene,
-    remove_object,
+    remove_objects,
     remove_own_scenes,
     show_only,
     source_of,
@@ -168,8 +168,7 @@ def _match_copies(layers: Layers, plan: Plan, objects: dict[int, bpy.types.Objec
         if not own(collection, "copies"):
             continue
         place = (collection[_PANE], collection[_SLOT])
-        for obj in [o for o in collection.objects if o not in keep]:
-            remove_object(obj)
+        remove_objects([o for o in collection.objects if o not in keep])
         missing = sorted(uid for *at, uid in wanted - existing.keys() if tuple(at) == place)
         for uid in missing:
             new_carrier("copy", COPY_GROUP, objects[uid], collection)
@@ -177,13 +176,14 @@ def _match_copies(layers: Layers, plan: Plan, objects: dict[int, bpy.types.Objec
 
 def _match_occluders(layers: Layers, plan: Plan, objects: dict[int, bpy.types.Object]) -> None:
     collection = child_collection(layers.mask, "occluders")
-    missing = dict.fromkeys(plan.sources)
-    for obj in list(collection.objects):
+    missing, surplus = dict.fromkeys(plan.sources), []
+    for obj in collection.objects:
         source = source_of(obj)
         if source is not None and source.session_uid in missing:
             del missing[source.session_uid]
         else:
-            remove_object(obj)
+            surplus.append(obj)
+    remove_objects(surplus)
     for uid in missing:
         made = new_carrier("occluder", OCCLUDER_GROUP, objects[uid], collection)
         made.color = _BLACK

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import bpy
 
@@ -105,16 +105,10 @@ def remove_leftovers() -> None:
             _remove_scene(candidate)
     kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections, bpy.data.node_groups)
     kinds += (bpy.data.materials, bpy.data.images, bpy.data.lights, bpy.data.cameras)
-    removed = True
-    while removed:
-        # What goes may have been the last to hold another.
-        removed = False
-        for blocks in kinds:
-            for block in [b for b in blocks if b.users == 0 and own(b) and not b.library]:
-                blocks.remove(block)
-                removed = True
-    for material in _unused_materials():
-        bpy.data.materials.remove(material)
+    # What goes may have been the last to hold another.
+    while unused := [b for k in kinds for b in k if b.users == 0 and own(b) and not b.library]:
+        _remove(unused)
+    _remove(_unused_materials())
 
 
 def _unused_materials() -> list[bpy.types.Material]:
@@ -148,9 +142,7 @@ def _remove_scene(own_scene: bpy.types.Scene) -> None:
     owner = user_scene_of(own_scene)
     keep = owner is None or own_scene.get(_OWNER) != owner_of(owner)
     for collection in [c for c in own_scene.collection.children if own(c)]:
-        for obj in list(collection.objects):
-            if own(obj):
-                remove_object(obj, keep=keep)
+        remove_objects([o for o in collection.objects if own(o)], keep=keep)
         if not keep:
             match_linked(collection, set())
         bpy.data.collections.remove(collection)
@@ -161,34 +153,23 @@ def _remove_scene(own_scene: bpy.types.Scene) -> None:
     bpy.data.scenes.remove(own_scene)
 
 
-def remove_object(obj: bpy.types.Object, *, keep: bool = False) -> None:
-    """Remove an own object and its data.
+def remove_objects(objects: Sequence[bpy.types.Object], *, keep: bool = False) -> None:
+    """Remove own objects and their data, and what of the user's only they still held.
 
-    ``keep``: what of the user's only this object still held stays in the file.
+    ``keep``: that stays in the file. Else it was deleted by the user, who could not know who held
+    it: Blender unlinks what is in use elsewhere.
     """
-    data = obj.data
-    source = source_of(obj) if obj.modifiers else None
-    bpy.data.objects.remove(obj)
-    if data is not None and data.users == 0 and own(data):
-        _DATA[type(data)]().remove(data)
-    if source is not None and not keep:
-        _let_go(source)
+    data = {o.data for o in objects} - {None}
+    sources = {source_of(o) for o in objects if o.modifiers and not keep} - {None}
+    _remove(objects)
+    _remove([d for d in data if d.users == 0 and own(d)])
+    _remove([s for s in sources if s.users == 0])
 
 
-_DATA = {
-    bpy.types.Mesh: lambda: bpy.data.meshes,
-    bpy.types.Camera: lambda: bpy.data.cameras,
-}
-"""Where the data of own objects is kept."""
-
-
-def _let_go(obj: bpy.types.Object) -> None:
-    """Remove an object of the user's that only the extension still held.
-
-    Deleted by the user, who could not know that: Blender unlinks what is in use elsewhere.
-    """
-    if obj.users == 0:
-        bpy.data.objects.remove(obj)
+def _remove(blocks: Sequence[bpy.types.ID]) -> None:
+    """Remove data-blocks all at once: for each call Blender looks through the whole file."""
+    if blocks:
+        bpy.data.batch_remove(blocks)
 
 
 def source_of(carrier: bpy.types.Object) -> bpy.types.Object | None:
@@ -239,7 +220,9 @@ def match_linked(collection: bpy.types.Collection, wanted: set[bpy.types.Object]
     """Link exactly these of the user's own objects to an own collection."""
     for obj in [o for o in collection.objects if o not in wanted]:
         collection.objects.unlink(obj)
-        _let_go(obj)
+        if obj.users == 0:
+            # The user deleted it, see `remove_objects`.
+            bpy.data.objects.remove(obj)
     for obj in wanted - set(collection.objects):
         collection.objects.link(obj)
 

@@ -69,14 +69,8 @@ _UINT = 0xFFFFFFFF
 _VERSION = "1"
 
 
-def needed_coordinates(source: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> frozenset[str]:
-    """Which of :data:`COORDINATES` the source's materials use."""
-    materials = slot_materials(source, depsgraph)
-    return _attributes(set().union(*(_reads(m) for m in materials)))
-
-
 def dressed_coordinates(copy: bpy.types.Object) -> frozenset[str]:
-    """The same as of the last :func:`dress`, without a look at any material."""
+    """Which of :data:`COORDINATES` a copy's materials use, as of the last :func:`dress`."""
     return frozenset(copy.get(_COORDINATES, "").split())
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Inside Blender: bake a wall that moves behind a glass, and write what is to be seen again.
 
-Arguments: output folder, render engine. Leaves scene.blend, its bake, and live pictures of its
-frames.
+Arguments: output folder, render engine, last frame. Leaves scene.blend, its bake, and live pictures
+of its frames.
 """
 
 import json
@@ -13,8 +13,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-FOLDER, ENGINE = Path(sys.argv[-2]), sys.argv[-1]
-FRAMES = (1, 3)
+FOLDER, ENGINE, LAST = Path(sys.argv[-3]), sys.argv[-2], int(sys.argv[-1])
 
 
 def build():
@@ -53,7 +52,7 @@ def build():
     image = render.image_settings
     image.media_type = "IMAGE"
     image.file_format, image.color_depth, image.color_mode = "OPEN_EXR", "32", "RGBA"
-    scene.frame_start, scene.frame_end = FRAMES
+    scene.frame_start, scene.frame_end = 1, LAST
     scene.refractive_glass.surface = "REFRACTION"
     # True shading is not baked.
     scene.refractive_glass.shading = "DISPLACED"

@@ -159,7 +159,8 @@ def rest_enabled():
 def animated():
     """Blender lays panels out that it does not draw while an engine reads the scene."""
     scene = fresh("CYCLES")
-    scene.frame_start, scene.frame_end = 1, 30
+    # Longer than what follows takes, by far: after it the rest is waited for.
+    scene.frame_start, scene.frame_end = 1, 12
     scene.render.filepath = str(FOLDER / "frame_")
     yield from prepared(scene)
     invoke(bpy.ops.render.render, animation=True)

@@ -19,7 +19,7 @@ import passes
 
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
-ROWS, COLUMNS = 250, 400
+ROWS, COLUMNS = 100, 400
 MESH_ROWS = 60
 """As many of them through meshes: there the reference is slow."""
 LEAST = 0.01

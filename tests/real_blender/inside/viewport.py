@@ -177,7 +177,6 @@ def frames_like_f12():
         result.setdefault("samples", {})[kind] = samples_of_pixels()
     capture._plainly = plainly
     result["rounds"] = module().ROUNDS
-    flat_view(area, "SOLID")
     result["frame"] = camera_frame(area)
 
 
@@ -202,8 +201,6 @@ def moved_camera():
         "samples": [evaluated.eevee.taa_samples, scene.eevee.taa_samples],
     }
     scene.camera.location.x += STEP[1]
-    flat_view(area, "SOLID")
-    yield from rest()
 
 
 def reads():
@@ -249,7 +246,7 @@ def playing():
     """Faces of captures that are drawn while the eraser moves in an animation, and afterwards."""
     (area,) = areas()
     frame = bpy.context.scene.frame_current
-    for kind in ("SOLID", "MATERIAL"):
+    for kind in ("MATERIAL", "SOLID"):
         flat_view(area, kind)
         yield from rest()
         faces = [module().counters["faces"]]
@@ -266,7 +263,6 @@ def playing():
         faces.append(module().counters["faces"])
         result.setdefault("played_faces", {})[kind] = np.diff(faces).tolist()
     bpy.context.scene.frame_set(frame)
-    flat_view(area, "SOLID")
     yield from rest()
 
 
@@ -644,11 +640,12 @@ def steps():
     flat_view(area, "SOLID")
     switch(area, True)
     parts = (
+        # In Material Preview at one go: each change of shading costs EEVEE's samples.
         frames_like_f12,
         moved_camera,
+        playing,
         reads,
         lost_redraw,
-        playing,
         lines,
         clear,
         instances,
