@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import compress, product
+from itertools import product
 
 import bpy
 import gpu
@@ -25,7 +25,7 @@ from ..optics.vectors import perpendiculars
 from ..scene.changes import put_back
 from .description import Frame, Posed
 from .eye import CAPTURES
-from .jobs import amends_depths, is_compiling
+from .jobs import amends_depths, draws_off_screen, is_compiling
 from .paint import _quad, _shader
 from .wires import Wires
 
@@ -91,6 +91,16 @@ OVERLAYS = (
     "show_viewer_attribute",
 )
 """Settings of overlays that may draw something of objects."""
+
+STUDIO = (
+    "studio_light",
+    "studiolight_intensity",
+    "studiolight_rotate_z",
+    "studiolight_background_alpha",
+)
+"""Settings of a view's own world, where the scene's is not wanted."""
+KINDS = "show_object_viewport_"
+"""Begins the names of settings that tell which kinds of objects a view shows."""
 
 _drawing = False
 
@@ -213,6 +223,10 @@ class Captures:
         """The scene or its looks changed."""
         self._stale = set(product((*range(self.glasses), *self._seconds), range(FACES)))
         self._stale |= {(number, CLOSE) for number in self._wanted}
+
+    def leave(self) -> None:
+        """Draw no more until the scene or its looks change: no engine can."""
+        self._stale.clear()
 
     def smooth(self) -> None:
         """Have all faces drawn anew if some were drawn in haste."""
@@ -390,19 +404,77 @@ def _plainly(space: bpy.types.SpaceView3D, preferences: bpy.types.Preferences) -
     else:
         names = ("show_overlays", *(name for name in OVERLAYS if hasattr(space.overlay, name)))
         wanted = [(space.overlay, name, name == "show_overlays") for name in names]
-    before = [(owner, name, getattr(owner, name)) for owner, name, _ in wanted]
-    changed = [one != other for one, other in zip(before, wanted, strict=True)]
     unsaved = preferences.is_dirty
     _drawing = True
     try:
-        for setting in compress(wanted, changed):
-            setattr(*setting)
-        yield
+        with _set(wanted):
+            yield
     finally:
-        for setting in compress(before, changed):
-            setattr(*setting)
         preferences.is_dirty = unsaved
         _drawing = False
+
+
+@contextmanager
+def drawable(
+    scene: bpy.types.Scene, space: bpy.types.SpaceView3D
+) -> Iterator[bpy.types.SpaceView3D | None]:
+    """The space as which captures of a view are drawn; None if there is none.
+
+    For Cycles EEVEE draws them, lit by the same lamps and world. To set that in the user's own view
+    would have Cycles begin anew: it is set in a view of a screen that is not shown.
+    """
+    if draws_off_screen(scene, space):
+        yield space
+        return
+    hidden = None if space.local_view or space.use_local_collections else _hidden_space()
+    if hidden is None:
+        yield None
+        return
+    # The type comes first: it tells of what the others are.
+    shading, wanted = hidden.shading, [(hidden.shading, "type", "MATERIAL")]
+    for name in ("use_scene_lights", "use_scene_world"):
+        wanted.append((shading, name, getattr(space.shading, f"{name}_render")))
+    wanted += [(shading, name, getattr(space.shading, name)) for name in STUDIO]
+    wanted += [
+        (hidden, name, getattr(space, name)) for name in dir(space) if name.startswith(KINDS)
+    ]
+    with _set(wanted):
+        yield hidden
+
+
+def _hidden_space() -> bpy.types.SpaceView3D | None:
+    """A 3D view that no window shows and that shows what others do."""
+    shown = {
+        area.spaces.active.as_pointer()
+        for window in bpy.context.window_manager.windows
+        for area in window.screen.areas
+    }
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            for space in area.spaces:
+                if (
+                    space.type == "VIEW_3D"
+                    and space.as_pointer() not in shown
+                    and not (space.local_view or space.use_local_collections)
+                ):
+                    return space
+    return None
+
+
+@contextmanager
+def _set(wanted: list[tuple]) -> Iterator[None]:
+    """Settings (owner, name, value) for a while, one after the other; only those that differ."""
+    before = []
+    try:
+        for owner, name, value in wanted:
+            last = getattr(owner, name)
+            if last != value:
+                before.append((owner, name, last))
+                setattr(owner, name, value)
+        yield
+    finally:
+        for setting in reversed(before):
+            setattr(*setting)
 
 
 def lit_as_beside(

@@ -5,6 +5,9 @@ from __future__ import annotations
 
 import bpy
 
+DRAW_AT_ONCE = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
+"""Blender's own engines: all others render in threads of theirs."""
+
 
 def is_compiling() -> bool:
     """Whether Blender compiles materials: engines show stand-ins for them meanwhile."""
@@ -20,6 +23,11 @@ def amends_depths(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
     """Whether EEVEE draws a view, whose depths are amended: see `glsl.AMENDED`."""
     kind = space.shading.type
     return kind == "MATERIAL" or (kind == "RENDERED" and "EEVEE" in scene.render.engine)
+
+
+def draws_off_screen(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
+    """Whether a view's engine draws a whole picture in one go: Cycles first shows a black one."""
+    return space.shading.type != "RENDERED" or scene.render.engine in DRAW_AT_ONCE
 
 
 def samples_of_engine(

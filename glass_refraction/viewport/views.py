@@ -714,19 +714,7 @@ def _work(view: _View, window, space, region, hold: float) -> None:
             region.tag_redraw()
             view.waits = True
             return
-        view_3d = scene, window.view_layer, space, region
-        wires = painter.direct.wires
-        turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
-        until = time.perf_counter() + hold
-        while captures.left and not is_compiling():
-            captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned, is_playing)
-            counters["faces"] += 1
-            # Blender draws all views after it, of which this one's engine shows nothing new.
-            view.is_own = True
-            if is_compiling():
-                view.settled = 0
-            if time.perf_counter() + captures.seconds > until:
-                break
+        _capture(view, window, space, region, hold)
         if not captures.left:
             # What is shown first is of what the engine shows by now.
             view.is_due, view.waits = not (view.is_read or view.is_early), True
@@ -772,6 +760,29 @@ def _work(view: _View, window, space, region, hold: float) -> None:
     if view.final:
         counters["rests"] += 1
         _show_own(view, region)
+
+
+def _capture(view: _View, window, space, region, hold: float) -> None:
+    """Faces of captures for ``hold`` seconds, one at least."""
+    from .capture import drawable
+
+    scene, captures, wires = window.scene, view.captures, view.painter.direct.wires
+    turned = view.eye.to_camera[:3, :3] if light_comes_along(space.shading) else None
+    is_playing = window.screen.is_animation_playing
+    until = time.perf_counter() + hold
+    with drawable(scene, space) as drawn_as:
+        if drawn_as is None:
+            captures.leave()
+        view_3d = scene, window.view_layer, drawn_as, region
+        while captures.left and not is_compiling():
+            captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned, is_playing)
+            counters["faces"] += 1
+            # Blender draws all views after it, of which this one's engine shows nothing new.
+            view.is_own = True
+            if is_compiling():
+                view.settled = 0
+            if time.perf_counter() + captures.seconds > until:
+                break
 
 
 def _show_own(view: _View, region) -> None:

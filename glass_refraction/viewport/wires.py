@@ -22,9 +22,9 @@ from .shaders import kept
 
 NOTHING = 2.0
 """Of a depth buffer, whose values run from 0 to 1: no edge is here."""
-BESIDE = tuple((x, y) for x in (-2, -1, 0, 1, 2) for y in (-2, -1, 0, 1, 2) if abs(x) + abs(y) == 2)
+BESIDE = tuple(shift for k in (-2, -1, 1, 2) for shift in ((k, 0), (0, k)))
 """Pixels by which edges are drawn shifted, too: Blender smooths them, and may round their places
-otherwise."""
+otherwise. Slanted shifts alone would leave gaps beside a slanted edge."""
 HERE = (0, 0)
 DOTS = (4.0, 8.0)
 """Pixels a side of a point: as many as in Blender, and those beside."""

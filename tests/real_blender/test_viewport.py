@@ -90,6 +90,16 @@ def test_captures_tell_how_far_things_are(found, kind):
     assert found["capture_depths"][kind] < {"SOLID": 0.05, "MATERIAL": 0.25}[kind]
 
 
+def test_a_view_by_cycles_has_captures_for_which_cycles_does_not_begin_anew(found):
+    """Cycles itself draws black ones. EEVEE draws as a view that is hidden, and left as it was."""
+    seen = found["cycles"]
+    assert seen["captured"] > 0.05
+    assert seen["depths"] < 0.25
+    assert seen["begun"] == 1
+    assert seen["as_before"]
+    assert seen["in_vain"] == 0
+
+
 def test_a_camera_that_moves_has_no_capture_drawn_anew(found):
     assert found["moved_camera"]["faces"] == 0
 
@@ -138,6 +148,11 @@ def test_lines_of_glasses_that_are_not_selected_are_not_seen(found):
     """Of rings of some hundred pixels each a few may be left."""
     assert found["lines"] < 40
     assert found["parallel_lines"] < 40
+
+
+def test_a_glass_on_a_desk_is_not_seen_from_below(found):
+    """Its foot lies in the plane of the desk, and was a dark disc."""
+    assert found["below"] < 20
 
 
 def test_a_glass_of_ior_1_is_not_seen(found):

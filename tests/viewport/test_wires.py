@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from glass_refraction.viewport.eye import overlay_nearer
-from glass_refraction.viewport.wires import BESIDE, _shifted
+from glass_refraction.viewport.wires import BESIDE, HERE, _shifted
 
 
 def test_edges_are_shifted_by_whole_pixels():
@@ -22,6 +22,18 @@ def test_edges_are_shifted_by_whole_pixels():
     for shift, columns in zip(BESIDE, _shifted(to_clip, BESIDE, size), strict=True):
         moved = pixel(np.reshape(columns, (4, 4)).T)
         assert moved - pixel(to_clip) == pytest.approx(shift, abs=1e-6)
+
+
+@pytest.mark.parametrize("degrees", range(0, 180, 15))
+def test_every_pixel_beside_an_edge_is_drawn_whatever_its_slant(degrees):
+    """An edge has one pixel in each column, or in each row where it is steep."""
+    along = np.array((np.cos(np.radians(degrees)), np.sin(np.radians(degrees))))
+    edge = np.arange(-20, 21)[:, None] * along / np.abs(along).max()
+    shifted = np.round(edge)[:, None] + np.array((HERE, *BESIDE))
+    drawn = {tuple(pixel) for pixel in shifted.reshape(-1, 2).astype(int)}
+    across = np.array((-along[1], along[0]))
+    near = [p for p in np.ndindex(9, 9) if abs((np.array(p) - 4) @ across) <= 1.0]
+    assert {(x - 4, y - 4) for x, y in near} <= drawn
 
 
 @pytest.mark.parametrize(

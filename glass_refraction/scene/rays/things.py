@@ -38,6 +38,10 @@ class Triangles:
         )
 
 
+UNMET = frozenset(("VOLUME", "CURVES", "POINTCLOUD", "GREASEPENCIL"))
+"""Types of what is drawn without faces; hair of particles is, too."""
+
+
 @dataclass(frozen=True, eq=False)
 class Things(Triangles):
     """All that rays can meet beside the glasses, as one soup.
@@ -47,11 +51,13 @@ class Things(Triangles):
     surface : (T,) int32, number of the look of each triangle.
     looks : what is known of each surface without rendering it.
     owners : of each look, the name of the object that shows it: of an instance, its instancer.
+    unmet : names of the objects that show what no ray meets, see `UNMET`.
     """
 
     surface: np.ndarray
     looks: tuple[Look, ...]
     owners: tuple[str, ...]
+    unmet: tuple[str, ...] = ()
 
     def surfaces(self, triangle: np.ndarray) -> np.ndarray:
         """(K,) numbers of the looks of triangles (K,); −1 for −1, where none is met."""
@@ -103,13 +109,22 @@ def read_things(
         if owner.type == "META":
             # Captures have the user's scene as their set, and Blender leaves a set's metaballs out.
             look = marked_look(look, is_uncaptured=True)
+        if obj.type in UNMET or _has_hair(obj):
+            builder.unmet[owner.name] = None
         if obj.type == "MESH":
             builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float), look)
     return builder.things()
 
 
+def _has_hair(obj: bpy.types.Object) -> bool:
+    """Whether particles of an object are drawn as strands."""
+    kinds = (system.settings for system in obj.particle_systems)
+    return any(kind.type == "HAIR" and kind.render_type == "PATH" for kind in kinds)
+
+
 class _Builder:
     def __init__(self) -> None:
+        self.unmet: dict[str, None] = {}
         self.points: list[np.ndarray] = [np.empty((0, 3))]
         self.triangles: list[np.ndarray] = [np.empty((0, 3), np.int32)]
         self.surface: list[np.ndarray] = [np.empty(0, np.int32)]
@@ -184,6 +199,7 @@ class _Builder:
             np.concatenate(self.surface).astype(np.int32),
             tuple(self.looks),
             tuple(self.owners),
+            tuple(self.unmet),
         )
 
 

@@ -264,6 +264,10 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     white = 2.0**-depsgraph.scene_eval.view_settings.exposure
     _write(scene, views, result, read.sky.is_of_cameras, white)
     problems += _lit_from_elsewhere(scene, result)
+    problems += [
+        f'Rays do not meet "{owner}": no volume, hair, point cloud or Grease Pencil is refracted'
+        for owner in read.things.unmet
+    ]
     if scene.render.engine == "CYCLES":
         looks = zip(read.things.owners, read.things.looks, strict=True)
         problems += [

@@ -18,7 +18,7 @@ bool covered(vec3 p)
   }
   vec4 clip = view.to_clip * vec4(p, 1.0);
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
-  return depth_between(pixel) < dot(view.depth_row, vec4(p, 1.0)) - NEARER;
+  return depth_between(pixel) < dot(view.depth_row, vec4(p, 1.0)) + LAID_ON;
 }
 
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)

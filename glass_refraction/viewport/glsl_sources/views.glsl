@@ -26,8 +26,10 @@
 #define LIMB_MOST 2.42
 /* Where a thing is nearer to a face than this, in common units, it touches it. */
 #define TOUCHING 0.03
-/* How much nearer than the glass a thing must be to cover it, in common units. */
+/* How much nearer than a place a thing must be to hide it, in common units. */
 #define NEARER 0.004
+/* How much farther than the glass a thing may be that covers it: a face may lie on a thing. */
+#define LAID_ON 0.001
 
 /* By how much depths differ at an edge, at a depth of z. */
 float edge_at(float z) { return EDGE * (view.pixel.x + view.pixel.y * z); }

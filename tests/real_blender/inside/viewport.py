@@ -266,6 +266,56 @@ def playing():
     yield from rest()
 
 
+def rendered_by_cycles():
+    """Captures of a view that Cycles draws: their colours and depths, and what it costs Cycles."""
+    import cycles
+
+    (area,) = areas()
+    scene, engine = bpy.context.scene, bpy.context.scene.render.engine
+    capture = sys.modules[f"{NAME}.viewport.capture"]
+    create, begun = cycles.engine.create, []
+    cycles.engine.create = lambda *given, **named: (begun.append(1), create(*given, **named))[1]
+    scene.render.engine, scene.cycles.preview_samples = "CYCLES", 1
+    flat_view(area, "RENDERED")
+    before = settings_of_views()
+    yield from rest()
+    (view,) = [v for v in module()._views.values() if v.captures]
+    captures = view.captures
+    target = gpu.types.GPUFrameBuffer(color_slots=[captures.textures[0]])
+    with target.bind():
+        size = capture.FACES * captures.side, captures.side
+        colours = np.asarray(target.read_color(0, 0, *size, 3, 0, "FLOAT"))
+    result["cycles"] = {
+        "captured": float(colours.mean()),
+        "depths": capture_depths(),
+        "begun": len(begun),
+        "as_before": settings_of_views() == before,
+    }
+    # Nothing can be drawn where no view is hidden.
+    hidden, capture._hidden_space = capture._hidden_space, lambda: None
+    captures.outdate()
+    faces, view.stamp = module().counters["faces"], ()
+    area.tag_redraw()
+    yield from rest()
+    result["cycles"]["in_vain"] = module().counters["faces"] - faces
+    capture._hidden_space = hidden
+    cycles.engine.create, scene.render.engine = create, engine
+    flat_view(area, "SOLID")
+    yield from rest()
+
+
+def settings_of_views():
+    """Shading and overlays of every 3D view that the file has, shown or not."""
+    return [
+        [repr(getattr(part, name)) for name in dir(part) if name.startswith(("show_", "type"))]
+        for screen in bpy.data.screens
+        for area in screen.areas
+        for space in area.spaces
+        if space.type == "VIEW_3D"
+        for part in (space, space.shading, space.overlay)
+    ]
+
+
 def samples_of_pixels():
     """How many pixels of the final picture have how many samples, of those that have any."""
     (view,) = [v for v in module()._views.values() if v.painter]
@@ -369,6 +419,24 @@ def clear():
     glass.hide_set(False)
     inputs.write_input(glass.modifiers[0], "IOR", before)
     result["clear"] = int((np.abs(shown - hidden).max(axis=2) > SEEN_STEP).sum())
+    flat_view(area, "SOLID")
+
+
+def from_below():
+    """How many pixels show a glass that stands on a desk, from below the desk."""
+    (area,) = areas()
+    flat_view(area, "SOLID")
+    matrices, glass = area.spaces.active.region_3d, bpy.data.objects["Glass"]
+    matrices.view_perspective = "PERSP"
+    matrices.view_location, matrices.view_distance = glass.location, 0.3
+    matrices.view_rotation = Quaternion((1, 0, 0), 2.2)
+    with unsmoothed():
+        yield from rest()
+        shown = yield from settled("viewport_below", area)
+        glass.hide_set(True)
+        hidden = yield from settled("viewport_below_no_glass", area)
+    glass.hide_set(False)
+    result["below"] = int((np.abs(shown - hidden).max(axis=2) > SEEN_STEP).sum())
     flat_view(area, "SOLID")
 
 
@@ -646,8 +714,10 @@ def steps():
         playing,
         reads,
         lost_redraw,
+        rendered_by_cycles,
         lines,
         clear,
+        from_below,
         instances,
         stillness,
         memory,

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whole pictures of True shading, in small: against closed forms, Cycles and themselves."""
 
+from itertools import pairwise
+
 import bpy
 import numpy as np
 import pytest
@@ -1190,6 +1192,48 @@ def test_what_depends_on_the_cameras_distance_is_looked_up_in_the_picture(tmp_pa
     scenes.glass(shape="ROD", radius=0.05, height=0.14)
     _against_cycles(scene, tmp_path, 24.0)
     assert _problems(scene) == []
+
+
+def _points(obj):
+    obj.modifiers.new("Points", "NODES").node_group = tree = bpy.data.node_groups.new(
+        "Points", "GeometryNodeTree"
+    )
+    for kind in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Mesh", in_out=kind, socket_type="NodeSocketGeometry")
+    nodes = [
+        tree.nodes.new(name)
+        for name in ("NodeGroupInput", "GeometryNodeMeshToPoints", "NodeGroupOutput")
+    ]
+    for one, other in pairwise(nodes):
+        tree.links.new(one.outputs[0], other.inputs[0])
+
+
+def _hair(obj):
+    obj.modifiers.new("Hair", "PARTICLE_SYSTEM")
+    obj.particle_systems[0].settings.type = "HAIR"
+
+
+def _pencil(obj):
+    bpy.ops.object.grease_pencil_add(type="STROKE", location=(0.0, 0.1, 0.05))
+    bpy.context.object.name = "Strokes"
+    bpy.data.objects.remove(obj)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"), [(_points, "Thing"), (_hair, "Thing"), (_pencil, "Strokes"), (None, "")]
+)
+def test_what_rays_do_not_meet_is_told_of(tmp_path, change, name):
+    scenes.camera()
+    scene = _scene(samples=1)
+    bpy.ops.mesh.primitive_cube_add(size=0.02, location=(0.0, 0.1, 0.05))
+    bpy.context.object.name = "Thing"
+    if change:
+        change(bpy.context.object)
+    scenes.glass(shape="CYLINDER")
+    scenes.picture(scene, tmp_path)
+    told = [line for line in _problems(scene) if line.startswith("Rays do not meet")]
+    assert len(told) == bool(change)
+    assert all(f'"{name}"' in line for line in told)
 
 
 def test_what_looks_otherwise_to_camera_rays_is_told_of(tmp_path):
