@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-DRAW_AT_ONCE = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
+DRAW_AT_ONCE = ("BLENDER_EEVEE", "BLENDER_WORKBENCH")
 """Blender's own engines: all others render in threads of theirs."""
 
 

@@ -273,9 +273,14 @@ def rendered_by_cycles():
     (area,) = areas()
     scene, engine = bpy.context.scene, bpy.context.scene.render.engine
     capture = sys.modules[f"{NAME}.viewport.capture"]
+    scene.render.engine, scene.cycles.preview_samples = "CYCLES", 1
+    # Whichever scene's engine changes, all views begin anew, and own scenes follow the user's.
+    for _ in range(MANY):
+        yield 0.25
+        if any(s.render.engine == "CYCLES" for s in bpy.data.scenes if s != scene):
+            break
     create, begun = cycles.engine.create, []
     cycles.engine.create = lambda *given, **named: (begun.append(1), create(*given, **named))[1]
-    scene.render.engine, scene.cycles.preview_samples = "CYCLES", 1
     flat_view(area, "RENDERED")
     before = settings_of_views()
     yield from rest()
