@@ -98,6 +98,7 @@ class Grids:
         """(width, height) of the picture."""
         return self.side * (self.each[0] + 1), len(self.views) // self.side * (self.each[1] + 1)
 
+    @property
     def stamp(self) -> tuple:
         """What its rays depend on."""
         return self.side, *(view.stamp() for view in self.views)
@@ -109,9 +110,9 @@ class Grids:
         )
         return (row * self.side + column).astype(np.intp), x, y
 
-    def rays(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """World origins and unit directions (N, 3) of the rays through places in the picture."""
-        number, x, y = self.places(x, y)
+    def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World origins and unit directions (N, 3) of the rays through places (N, 2)."""
+        number, x, y = self.places(*pixels.T)
         matrix = np.array([view.ray_matrix() for view in self.views])[number]
         found = matrix[..., 3] + x[:, None] * matrix[..., 0] + y[:, None] * matrix[..., 1]
         if self.views[0].is_parallel:
@@ -192,7 +193,7 @@ def follow_light(
     """
     rays = centre_rays(grids.pixels, follower)
     y, x = np.divmod(grids.pixels, grids.size[0])
-    origins, directions = grids.rays(x + 0.5, y + 0.5)
+    origins, directions = grids.rays(np.stack((x, y), axis=1) + 0.5)
     rays = _with_straight(rays, origins, directions, follower.caster)
     beside = replace(rays, pixel=grids.by_place()[0])
     sides = neighbours(rays, grids.size), neighbours(beside, grids.by_place()[1])

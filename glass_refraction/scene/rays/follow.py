@@ -186,7 +186,7 @@ class Follower:
 
     Attributes
     ----------
-    view : the camera's own. bands : glasses in light of each band.
+    view : the direct one, or a lamp's `Grids`. bands : glasses in light of each band.
     caster : of what light meets that leaves the glasses. eyes : of what rays from the eye meet.
     things : all these. boxes : (B, 2, 3) round them.
     hull : (2, 3) a box round all glasses. stamp : of the glasses and of how they are followed.
