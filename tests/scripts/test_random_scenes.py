@@ -27,7 +27,7 @@ def test_a_seed_is_a_scene():
 def test_a_scene_is_rendered_both_ways_and_told_of(tmp_path, monkeypatch):
     for name, value in (("SIZE", (60, 45)), ("SAMPLES", 8), ("REFERENCE_SAMPLES", 8)):
         monkeypatch.setattr(random_scenes, name, value)
-    row = random_scenes.held_against_cycles(2, tmp_path)
+    row = random_scenes.held_against_cycles(2, "CYCLES", tmp_path)
     assert json.loads(json.dumps(row)) == row
     assert row["pixels"] > 100
     assert row["inside"] < 0.03
