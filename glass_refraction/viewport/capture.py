@@ -426,7 +426,7 @@ def drawable(
     if draws_off_screen(scene, space):
         yield space
         return
-    hidden = None if space.local_view or space.use_local_collections else _hidden_space()
+    hidden = _hidden_space() if _shows_all(space) else None
     if hidden is None:
         yield None
         return
@@ -442,6 +442,11 @@ def drawable(
         yield hidden
 
 
+def _shows_all(space: bpy.types.SpaceView3D) -> bool:
+    """Whether a view shows what the view layer does, and nothing less."""
+    return not (space.local_view or space.use_local_collections)
+
+
 def _hidden_space() -> bpy.types.SpaceView3D | None:
     """A 3D view that no window shows and that shows what others do."""
     shown = {
@@ -455,7 +460,7 @@ def _hidden_space() -> bpy.types.SpaceView3D | None:
                 if (
                     space.type == "VIEW_3D"
                     and space.as_pointer() not in shown
-                    and not (space.local_view or space.use_local_collections)
+                    and _shows_all(space)
                 ):
                     return space
     return None

@@ -416,14 +416,8 @@ def clear():
     glass = bpy.data.objects["Glass"]
     before = inputs.read_input(glass.modifiers[0], "IOR")
     inputs.write_input(glass.modifiers[0], "IOR", 1.0)
-    with unsmoothed():
-        yield from rest()
-        shown = yield from settled("viewport_clear", area)
-        glass.hide_set(True)
-        hidden = yield from settled("viewport_no_glass", area)
-    glass.hide_set(False)
+    result["clear"] = yield from pixels_of_glass(area, "viewport_clear")
     inputs.write_input(glass.modifiers[0], "IOR", before)
-    result["clear"] = int((np.abs(shown - hidden).max(axis=2) > SEEN_STEP).sum())
     flat_view(area, "SOLID")
 
 
@@ -431,18 +425,25 @@ def from_below():
     """How many pixels show a glass that stands on a desk, from below the desk."""
     (area,) = areas()
     flat_view(area, "SOLID")
-    matrices, glass = area.spaces.active.region_3d, bpy.data.objects["Glass"]
+    matrices = area.spaces.active.region_3d
     matrices.view_perspective = "PERSP"
-    matrices.view_location, matrices.view_distance = glass.location, 0.3
+    matrices.view_location = bpy.data.objects["Glass"].location
+    matrices.view_distance = 0.3
     matrices.view_rotation = Quaternion((1, 0, 0), 2.2)
+    result["below"] = yield from pixels_of_glass(area, "viewport_below")
+    flat_view(area, "SOLID")
+
+
+def pixels_of_glass(area, name):
+    """How many pixels of a view differ with the glass and without."""
+    glass = bpy.data.objects["Glass"]
     with unsmoothed():
         yield from rest()
-        shown = yield from settled("viewport_below", area)
+        shown = yield from settled(name, area)
         glass.hide_set(True)
-        hidden = yield from settled("viewport_below_no_glass", area)
+        hidden = yield from settled(f"{name}_no_glass", area)
     glass.hide_set(False)
-    result["below"] = int((np.abs(shown - hidden).max(axis=2) > SEEN_STEP).sum())
-    flat_view(area, "SOLID")
+    return int((np.abs(shown - hidden).max(axis=2) > SEEN_STEP).sum())
 
 
 def instances():
