@@ -13,7 +13,7 @@ that holds is passed straight.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -148,14 +148,12 @@ class _Live:
         return len(self.ray)
 
     def take(self, which) -> _Live:
-        return _Live(*(columns(getattr(self, part.name), which) for part in fields(self)))
+        return _Live(*(columns(part, which) for part in vars(self).values()))
 
     @staticmethod
     def join(parts: Sequence[_Live]) -> _Live:
-        names = [part.name for part in fields(_Live)]
-        return _Live(
-            *(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names)
-        )
+        rows = zip(*(vars(part).values() for part in parts), strict=True)
+        return _Live(*(np.concatenate(same, axis=-1) for same in rows))
 
 
 @dataclass
@@ -176,7 +174,7 @@ class _Met:
     leaked: NDArray[np.bool_]
 
     def take(self, which) -> _Met:
-        return _Met(*(columns(getattr(self, part.name), which) for part in fields(self)))
+        return _Met(*(columns(part, which) for part in vars(self).values()))
 
 
 @dataclass
@@ -614,7 +612,7 @@ class _Crossing:
     normal: Floats
 
     def take(self, which) -> _Crossing:
-        return _Crossing(*(columns(getattr(self, part.name), which) for part in fields(self)))
+        return _Crossing(*(columns(part, which) for part in vars(self).values()))
 
 
 FACETS = 6

@@ -31,6 +31,7 @@ def compare(
     folder: Path | str,
     *,
     samples: int | None = None,
+    surface: str | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> dict:
     """Render the current frame as F12 would and with real glass in Cycles, and write a report.
@@ -39,6 +40,8 @@ def compare(
     ----------
     folder : for ``report.json``, ``report.md`` and the pictures; made if need be.
     samples : per pixel, of both pictures; by default the scene's own number.
+    surface : of the real glass, as in the scene's setting *Surface*, which is the default:
+        ``"GLASS"`` tells what *Refraction* leaves out.
     progress : called with the part done, from 0 to 1, and what comes next, in words.
 
     Returns
@@ -54,7 +57,7 @@ def compare(
     OSError
         The folder cannot be written.
     """
-    steps = comparing(scene, folder, samples=samples, progress=progress)
+    steps = comparing(scene, folder, samples=samples, surface=surface, progress=progress)
     return finished(steps)
 
 
@@ -63,6 +66,7 @@ def comparing(
     folder: Path | str,
     *,
     samples: int | None = None,
+    surface: str | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Generator[Request, object, dict]:
     """:func:`compare` in steps, for who lets Blender's window go on meanwhile.
@@ -70,7 +74,7 @@ def comparing(
     Closed before its end it leaves the scene as it was.
     """
     report_progress = progress or (lambda share, label: None)
-    surface = scene.refractive_glass.surface
+    surface = surface or scene.refractive_glass.surface
     check_comparable(scene)
     Path(folder).mkdir(parents=True, exist_ok=True)
 

@@ -80,6 +80,20 @@ def test_a_comparison_reports_by_the_contract(scene, tmp_path):
     assert not bpy.data.objects["Refractive Glass"].hide_render
 
 
+def test_a_comparison_with_another_surface_tells_what_that_leaves_out(scene, tmp_path):
+    from glass_refraction.reference.compare import compare
+
+    add_glass(scene)
+    same, other = (
+        compare(scene, tmp_path, samples=16, surface=surface) for surface in (None, "GLASS")
+    )
+    assert (same["surface"], other["surface"]) == ("REFRACTION", "GLASS")
+    assert scene.refractive_glass.surface == "REFRACTION"
+    # Beside the glass nothing changes, inside reflections are left out.
+    assert other["outside"]["psnr_db"] > 100
+    assert other["inside"]["psnr_db"] < same["inside"]["psnr_db"]
+
+
 def test_what_cannot_be_compared_is_not_rendered(scene, tmp_path):
     from glass_refraction.reference.compare import compare
 
