@@ -27,7 +27,13 @@ from ..names import TAG, hidden_name, own
 from ..progress import check
 from ..read.animation import may_move
 from ..read.arrays import write_polygons
-from ..read.glasses import all_glasses, glass_modifier, glass_objects, read_glasses
+from ..read.glasses import (
+    all_glasses,
+    as_body,
+    glass_modifier,
+    glass_objects,
+    read_glasses,
+)
 from ..read.light_linking import is_mirrored
 from ..read.modifier_inputs import has_input, read_input
 from ..read.sources import source_objects
@@ -264,6 +270,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     white = 2.0**-depsgraph.scene_eval.view_settings.exposure
     _write(scene, views, result, read.sky.is_of_cameras, white)
     problems += _lit_from_elsewhere(scene, result)
+    problems += _thickened(scene, read)
     problems += [
         f'Rays do not meet "{owner}": no volume, hair, point cloud or Grease Pencil is refracted'
         for owner in read.things.unmet
@@ -342,6 +349,26 @@ def _lit_from_elsewhere(scene: bpy.types.Scene, result: FrameResult) -> list[str
     return [
         f"Workbench's light comes along with each camera, and {share:.0%} of what is seen in the "
         f"glass is lit from elsewhere: {remedy} (Render properties > Lighting)"
+    ]
+
+
+def _thickened(scene: bpy.types.Scene, read: FrameInput) -> list[str]:
+    """A line where EEVEE takes all things for thicker than any glass is large.
+
+    EEVEE sees one depth a pixel. Behind it it assumes a thickness, and light between things that
+    are thinner is missing: round each outline of a view, so round others in the captures.
+    """
+    eevee = scene.eevee
+    if scene.render.engine != "BLENDER_EEVEE" or not (eevee.use_raytracing and eevee.use_fast_gi):
+        return []
+    bodies = [body for body in map(as_body, read.glasses) if body is not None]
+    sizes = [float(np.linalg.norm(np.ptp(body.description.box, axis=0))) for body in bodies]
+    if not sizes or eevee.fast_gi_thickness_near <= max(sizes):
+        return []
+    return [
+        f"EEVEE takes things for {eevee.fast_gi_thickness_near:.2g} m thick, and the largest glass "
+        f"is {max(sizes):.2g} m: round outlines it is too dark, and in the glass otherwise than "
+        "beside it. Lower Thickness Near (Render properties > Raytracing > Fast GI Approximation)"
     ]
 
 

@@ -9,12 +9,14 @@ import pytest
 import scenes
 from mathutils import Vector
 
-from glass_refraction.reference.cycles import render_reference
+from glass_refraction.reference.cycles import render_reference, scene_depsgraph
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.rays import true
 from glass_refraction.scene.rays.things import read_things
 from glass_refraction.scene.read.glasses import glass_modifier, glass_objects
 from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.viewpoint import read_viewpoint
 
 ENGINES = ("CYCLES", "BLENDER_EEVEE", "BLENDER_WORKBENCH")
 
@@ -836,6 +838,33 @@ def test_light_that_comes_along_with_each_camera_is_told_of(tmp_path):
         told[light, world] = [p for p in _problems(scene) if "lit from elsewhere" in p]
     assert [key for key, lines in told.items() if lines] == [("STUDIO", False), ("MATCAP", False)]
     assert "switch World Space Lighting on" in told["STUDIO", False][0]
+
+
+def test_things_that_eevee_takes_for_thicker_than_the_glass_are_told_of():
+    scenes.camera()
+    scene = _scene(samples=1)
+    scenes.glass(shape="CYLINDER", radius=0.04, height=0.12)
+    eevee, told = scene.eevee, {}
+    for engine, traced, near in (
+        ("CYCLES", True, 0.25),
+        ("BLENDER_EEVEE", False, 0.25),
+        ("BLENDER_EEVEE", True, 0.25),
+        ("BLENDER_EEVEE", True, 0.01),
+    ):
+        scene.render.engine, eevee.use_raytracing, eevee.fast_gi_thickness_near = (
+            engine,
+            traced,
+            near,
+        )
+        door.prepare(scene, scene_depsgraph(scene), strict=True)
+        depsgraph = scene_depsgraph(scene)
+        problems = true.update(scene, depsgraph, read_viewpoint(scene, depsgraph)).problems
+        told[engine, traced, near] = [p for p in problems if "Thickness Near" in p]
+    assert [key for key, lines in told.items() if lines] == [("BLENDER_EEVEE", True, 0.25)]
+    assert (
+        "takes things for 0.25 m thick, and the largest glass is 0.16 m"
+        in told["BLENDER_EEVEE", True, 0.25][0]
+    )
 
 
 def test_what_the_picture_shows_is_not_taken_from_a_capture_that_is_lit_from_elsewhere(tmp_path):
