@@ -55,6 +55,15 @@ def edges(mesh: bpy.types.Mesh) -> np.ndarray:
     return out
 
 
+def mesh_triangles(mesh: bpy.types.Mesh, what: str = "vertices") -> np.ndarray:
+    """A property of a mesh's triangles, int32: ``vertices`` or ``loops`` (T, 3), others (T,)."""
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    out = np.empty((count, 3) if what in {"vertices", "loops"} else count, np.int32)
+    mesh.loop_triangles.foreach_get(what, out.ravel())
+    return out
+
+
 def corner_normals(mesh: bpy.types.Mesh) -> np.ndarray:
     """Normals (L, 3) of the face corners, custom normals and sharp edges included."""
     out = np.empty((len(mesh.loops), 3), np.float32)

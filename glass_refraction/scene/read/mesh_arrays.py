@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..vertices.tessellation import Triangles
-from .arrays import corner_normals, read_attribute, write_attribute
+from .arrays import corner_normals, mesh_triangles, read_attribute, write_attribute
 from .sources import Piece, world_positions
 
 # Attributes that Blender makes from the mesh itself or that belong to other domains.
@@ -40,19 +40,8 @@ class SourceMesh:
 def read_triangles(parts: list[Piece]) -> np.ndarray:
     """The triangles (T, 3) of the pieces, by vertices as they are numbered one after another."""
     starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts])
-    found = [
-        _loop_triangles(p.mesh, "vertices") + s for p, s in zip(parts, starts[:-1], strict=True)
-    ]
+    found = [mesh_triangles(p.mesh) + s for p, s in zip(parts, starts[:-1], strict=True)]
     return np.concatenate(found or [np.empty((0, 3), np.int32)])
-
-
-def _loop_triangles(mesh: bpy.types.Mesh, what: str) -> np.ndarray:
-    """A property of each of a mesh's triangles: (T, 3), or (T,) of ``polygon_index``."""
-    mesh.calc_loop_triangles()
-    count = len(mesh.loop_triangles)
-    out = np.empty(count if what == "polygon_index" else (count, 3), np.int32)
-    mesh.loop_triangles.foreach_get(what, out.ravel())
-    return out
 
 
 def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = None) -> SourceMesh:
@@ -69,7 +58,7 @@ def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = N
     for part in parts:
         mesh = part.mesh
         vertices, loops, faces = (
-            _loop_triangles(mesh, what) for what in ("vertices", "loops", "polygon_index")
+            mesh_triangles(mesh, what) for what in ("vertices", "loops", "polygon_index")
         )
         count = len(vertices)
         turn = np.linalg.inv(part.to_world[:3, :3]).T

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ..names import own
-from .arrays import corner_normals, positions, read_attribute
+from .arrays import corner_normals, mesh_triangles, positions, read_attribute
 from .node_ends import leading_node
 
 CORNER_NORMAL = "rg_corner_normal"
@@ -149,14 +149,8 @@ def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
         own_points = normals.any(axis=1)
         points, normals = points[own_points], normals[own_points]
     else:
-        mesh.calc_loop_triangles()
-        count = len(mesh.loop_triangles)
-        corners, loops = np.empty((2, 3 * count), np.int32)
-        if count:
-            mesh.loop_triangles.foreach_get("vertices", corners)
-            mesh.loop_triangles.foreach_get("loops", loops)
-        normals = corner_normals(mesh).astype(float)[loops]
-        points = points[corners]
+        normals = corner_normals(mesh).astype(float)[mesh_triangles(mesh, "loops")]
+        points = points[mesh_triangles(mesh)]
     if not len(points):
         raise ValueError("its mesh has no faces: a glass needs some")
     if not np.isfinite(points).all():

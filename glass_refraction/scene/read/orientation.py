@@ -9,7 +9,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from .arrays import edges, positions
+from .arrays import edges, mesh_triangles, positions
 
 FLAT = 1e-9
 """Of a body's size cubed: less volume than this is neither inside nor outside."""
@@ -86,10 +86,7 @@ def bodies_of(mesh: bpy.types.Mesh) -> np.ndarray:
 def _volumes(mesh: bpy.types.Mesh, bodies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Volume (B,), below 0 where its faces look in, and box (B, 2, 3) of each body."""
     points = positions(mesh).astype(float)
-    mesh.calc_loop_triangles()
-    corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
-    mesh.loop_triangles.foreach_get("vertices", corners)
-    corners = corners.reshape(-1, 3)
+    corners = mesh_triangles(mesh)
     total = bodies.max() + 1
     box = np.empty((total, 2, 3))
     box[:, 0], box[:, 1] = np.inf, -np.inf
