@@ -43,7 +43,6 @@ from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
 from .vertices import displaced
 from .vertices.displaced import MAX_TOLERANCE_PX
-from .vertices.kept_paths import kept_paths
 
 __all__ = [
     "MAX_TOLERANCE_PX",
@@ -54,7 +53,6 @@ __all__ = [
     "finished",
     "forget",
     "free_leftovers",
-    "kept_paths",
     "memory_of",
     "prepare",
     "remove",
