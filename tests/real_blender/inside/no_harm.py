@@ -77,6 +77,7 @@ _SKIPPED = {
     ),
     *("is_missing", "is_library_indirect", "runtime", "depsgraph", "is_updated", "is_updated_data"),
     *("bl_system_properties", "use_nodes", "wireframe_color_type", "matrix_world", "matrix_local"),
+    "node_warnings",
     "id_data",
     *(
         "internal_links",
