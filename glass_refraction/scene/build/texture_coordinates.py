@@ -21,6 +21,7 @@ import numpy as np
 
 from ..names import TAG, hidden_name, own
 from ..read.arrays import positions, write_attribute
+from ..read.node_ends import trees
 from ..read.sources import Piece, is_carried, pieces, world_positions
 
 GENERATED, OBJECT, POSITION = "rg_generated", "rg_object", "rg_position"
@@ -144,23 +145,12 @@ def _reads(material: bpy.types.Material | None) -> frozenset[str]:
     """In which ways the material hangs on the object that it is on."""
     if material is None or material.node_tree is None or own(material):
         return frozenset()
-    return frozenset(
-        kind for tree in _trees(material.node_tree) for kind, _ in _bound_sockets(tree)
-    )
+    return frozenset(kind for tree in trees(material.node_tree) for kind, _ in _bound_sockets(tree))
 
 
 def _attributes(reads: Iterable[str]) -> frozenset[str]:
     reads = set(reads)
     return frozenset(reads & COORDINATES | ({POSITION} if _TARGET in reads else set()))
-
-
-def _trees(tree: bpy.types.NodeTree) -> list[bpy.types.NodeTree]:
-    """The tree and all groups in it, each once."""
-    found = {tree: None}
-    for node in tree.nodes:
-        if node.type == "GROUP" and node.node_tree is not None:
-            found |= dict.fromkeys(_trees(node.node_tree))
-    return list(found)
 
 
 def _bound_sockets(tree: bpy.types.NodeTree) -> Iterator[tuple[str, bpy.types.NodeSocket]]:
@@ -340,7 +330,7 @@ def _rewrite(tree: bpy.types.NodeTree, groups: dict) -> None:
 def _own_group(group: bpy.types.NodeTree, groups: dict) -> bpy.types.NodeTree:
     if group not in groups:
         groups[group] = group
-        if any(True for tree in _trees(group) for _ in _bound_sockets(tree)):
+        if any(True for tree in trees(group) for _ in _bound_sockets(tree)):
             made = groups[group] = group.copy()
             made.use_fake_user = False
             made[TAG] = ROLE
@@ -436,7 +426,7 @@ def _fingerprint(material: bpy.types.Material) -> str:
     skipped = {*bpy.types.ID.bl_rna.properties.keys(), "use_nodes"}
     for line in _state(material, "", skipped, _moving(material)):
         digest.update(line.encode())
-    for tree in _trees(material.node_tree):
+    for tree in trees(material.node_tree):
         for line in _tree_state(tree):
             digest.update(line.encode())
     return digest.hexdigest()

@@ -17,6 +17,7 @@ from ..names import RefractiveGlassError, own
 from .animation import may_change
 from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass, volume_absorption
 from .modifier_inputs import data_path, has_input, read_input
+from .node_ends import trees
 from .visibility import layer_objects, rendered_objects
 
 # Blender's transforms are float32: differences up to this are rounding, not shear.
@@ -248,7 +249,8 @@ def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
     for particles in host.particle_systems:
         named += [particles.settings.instance_object, particles.settings.instance_collection]
     for modifier in _users_nodes(host):
-        named += _named_in_tree(modifier.node_group)
+        nodes = (node for tree in trees(modifier.node_group) for node in tree.nodes)
+        named += [getattr(i, "default_value", None) for node in nodes for i in node.inputs]
         for item in modifier.node_group.interface.items_tree:
             socket = getattr(item, "socket_type", "")
             if socket in _NAMING_SOCKETS and has_input(modifier, item.name):
@@ -268,15 +270,6 @@ def _users_nodes(host: bpy.types.Object) -> list[bpy.types.NodesModifier]:
     return [modifier for modifier in nodes if not own(modifier.node_group)]
 
 
-def _named_in_tree(tree: bpy.types.NodeTree) -> list:
-    """The values of all inputs of a tree's nodes, and of the groups in it."""
-    named = [getattr(i, "default_value", None) for node in tree.nodes for i in node.inputs]
-    for node in tree.nodes:
-        if node.type == "GROUP" and node.node_tree is not None:
-            named += _named_in_tree(node.node_tree)
-    return named
-
-
 def merged_glasses(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
 ) -> list[tuple[bpy.types.Object, bpy.types.Object]]:
@@ -286,7 +279,7 @@ def merged_glasses(
     """
     taken = []
     for host in scene.objects:
-        objects = [g for m in _users_nodes(host) for g in _taken_objects(m.node_group, m)]
+        objects = [g for modifier in _users_nodes(host) for g in _taken_objects(modifier)]
         for glass in dict.fromkeys(objects):
             is_glass = glass.type == "MESH" and glass_modifier(glass) is not None
             if is_glass:
@@ -303,14 +296,10 @@ def merged_glasses(
     return [(host, glass) for host, glass in taken if (host.name, glass.name) not in instanced]
 
 
-def _taken_objects(
-    tree: bpy.types.NodeTree, modifier: bpy.types.NodesModifier
-) -> list[bpy.types.Object]:
+def _taken_objects(modifier: bpy.types.NodesModifier) -> list[bpy.types.Object]:
     """The objects whose geometry a modifier's node tree takes by Object Info."""
     found = []
-    for node in tree.nodes:
-        if node.type == "GROUP" and node.node_tree is not None:
-            found += _taken_objects(node.node_tree, modifier)
+    for node in (node for tree in trees(modifier.node_group) for node in tree.nodes):
         if node.type != "OBJECT_INFO" or not node.outputs["Geometry"].is_linked:
             continue
         socket = node.inputs["Object"]
