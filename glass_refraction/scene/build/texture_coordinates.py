@@ -23,6 +23,7 @@ from ..names import TAG, hidden_name, own
 from ..read.arrays import positions, write_attribute
 from ..read.node_ends import trees
 from ..read.sources import Piece, is_carried, pieces, world_positions
+from .node_sums import NodeSums
 
 GENERATED, OBJECT, POSITION = "rg_generated", "rg_object", "rg_position"
 COORDINATES = frozenset({GENERATED, OBJECT, POSITION})
@@ -339,11 +340,11 @@ def _own_group(group: bpy.types.NodeTree, groups: dict) -> bpy.types.NodeTree:
     return groups[group]
 
 
-class _Builder:
+class _Builder(NodeSums):
     """Adds the nodes that stand for what hangs on the object to one tree, each once."""
 
     def __init__(self, tree: bpy.types.NodeTree) -> None:
-        self._tree = tree
+        self.tree = tree
         self._attributes: dict[tuple[str, str], bpy.types.Node] = {}
 
     def replacement(self, kind: str, socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
@@ -366,9 +367,9 @@ class _Builder:
 
     def _attribute(self, kind: str, name: str) -> bpy.types.Node:
         if (kind, name) not in self._attributes:
-            node = self._tree.nodes.new("ShaderNodeAttribute")
-            node.attribute_type, node.attribute_name = kind, name
-            self._attributes[kind, name] = node
+            self._attributes[kind, name] = self._node(
+                "ShaderNodeAttribute", attribute_type=kind, attribute_name=name
+            )
         return self._attributes[kind, name]
 
     def _of_source(self, name: str) -> bpy.types.Node:
@@ -380,7 +381,7 @@ class _Builder:
 
     def _object_normal(self) -> bpy.types.NodeSocket:
         """The normal in the source's frame: the copy's own is the source's in the world."""
-        normal = self._tree.nodes.new("ShaderNodeNewGeometry").outputs["Normal"]
+        normal = self._node("ShaderNodeNewGeometry").outputs["Normal"]
         axes = [self._attribute("OBJECT", name).outputs["Vector"] for name in _AXES[:3]]
         return self._vector(
             "NORMALIZE", self._joined([self._vector("DOT_PRODUCT", a, normal) for a in axes])
@@ -391,7 +392,7 @@ class _Builder:
         place = self._attribute("GEOMETRY", POSITION).outputs["Vector"]
         columns = []
         for column in range(4):
-            node = self._tree.nodes.new("ShaderNodeCombineXYZ")
+            node = self._node("ShaderNodeCombineXYZ")
             for row in range(3):
                 _drive(node.inputs[row], "default_value", -1, target, column, row)
             columns.append(node.outputs[0])
@@ -403,17 +404,10 @@ class _Builder:
         return self._vector("DIVIDE", scaled, volume)
 
     def _joined(self, values: list[bpy.types.NodeSocket]) -> bpy.types.NodeSocket:
-        node = self._tree.nodes.new("ShaderNodeCombineXYZ")
+        node = self._node("ShaderNodeCombineXYZ")
         for value, socket in zip(values, node.inputs, strict=True):
-            self._tree.links.new(value, socket)
+            self._link(value, socket)
         return node.outputs[0]
-
-    def _vector(self, operation: str, *values: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-        node = self._tree.nodes.new("ShaderNodeVectorMath")
-        node.operation = operation
-        for value, socket in zip(values, node.inputs, strict=False):
-            self._tree.links.new(value, socket)
-        return node.outputs["Value" if operation == "DOT_PRODUCT" else "Vector"]
 
 
 def _fingerprint(material: bpy.types.Material) -> str:
