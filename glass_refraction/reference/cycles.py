@@ -400,16 +400,7 @@ def _kind(glass: Glass, surface: Surface) -> tuple:
     eta = surface.ior_inside / surface.ior_outside
     if not glass.is_tinted:
         return (eta, None, None)
-    if surface.media is not None:
-        return (eta, *(glass.absorption[medium] for medium in surface.media))
-    place, _, number = surface.name.rpartition(" ")
-    number = int(number)
-    if place in {"wall", "interface", "shell"}:
-        # All but the first look back into the medium behind them.
-        media = (0, 1) if number == 0 else (number + 1, number)
-    else:
-        media = (0, number + 1)
-    return (eta, *(glass.absorption[medium] for medium in media))
+    return (eta, *(glass.absorption[medium] for medium in surface.media))
 
 
 def _glass_material(
