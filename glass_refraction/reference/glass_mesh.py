@@ -156,10 +156,14 @@ def _(glass: FlatGlass, _segments: int | None, reach: float) -> tuple[Surface, .
 def _(glass: CylinderGlass, segments: int | None, reach: float) -> tuple[Surface, ...]:
     """Those of its body, turned to the surroundings; without ends it has no rims."""
     tube = Tube(glass if glass.extent is not None else replace(glass, extent=(-reach, reach)))
-    found = _surfaces(tube, segments, reach)
-    if glass.extent is None:
-        found = (surface for surface in found if surface.name.startswith("wall"))
-    return tuple(surface.flipped() if surface.media[0] else surface for surface in found)
+    core, found = f"wall {len(glass.ior) - 1}", []
+    for surface in _surfaces(tube, segments, reach):
+        if surface.name == core:
+            # The body takes an open core for the surroundings, be it coloured.
+            surface = replace(surface, media=(surface.media[0], len(glass.ior)))
+        if glass.extent is not None or surface.name.startswith("wall"):
+            found.append(surface.flipped() if surface.media[0] else surface)
+    return tuple(found)
 
 
 @_surfaces.register
