@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .axial import AxialGlass, realisations, steps_of
-from .axial_rays import Passage, Unknowns, basis
+from .axial_rays import Passage, Unknowns
 from .images import Slot
 from .paths import LightPath, ParallelView
 from .solver import in_blocks
 from .surfaces import Floats
+from .vectors import basis
 
 ENOUGH = 40
 """Cells that a path's region should have before refinement."""

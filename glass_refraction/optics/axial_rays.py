@@ -373,14 +373,3 @@ HOPELESS, WANDERS = 6, 0.05
 
 LARGEST = 0.5
 """Longest step, outer radii."""
-
-
-def basis(x, y, z):
-    """Two unit vectors that make a right-handed frame with the unit vector (x, y, z) last.
-
-    T. Duff et al., Building an Orthonormal Basis, Revisited (2017): without branches.
-    """
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
