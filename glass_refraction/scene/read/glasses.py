@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -13,9 +13,10 @@ import numpy as np
 
 from ... import optics
 from ...optics.axial import AxialGlass
+from ...optics.revolution import nested
 from ..names import RefractiveGlassError, own
 from .animation import may_change
-from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass, volume_absorption
+from .mesh_glasses import MeshGlass, interface_of, placed_triangles, volume_absorption
 from .modifier_inputs import data_path, has_input, read_input
 from .node_ends import trees
 from .visibility import layer_objects, rendered_objects
@@ -377,7 +378,7 @@ def read_glass(
     Parameters
     ----------
     to_world : (4, 4) of an instance of it; by default the object's own.
-    known : see `mesh_glass`.
+    known : see `placed_triangles`.
 
     Raises
     ------
@@ -391,7 +392,10 @@ def read_glass(
         to_world = np.array(evaluated.matrix_world, float)
     shape = read_input(modifier, "Shape")
     if shape == "Mesh":
-        return _read_mesh(evaluated, depsgraph, modifier, to_world, known)
+        mesh = evaluated.data
+        return _read_mesh(
+            evaluated, depsgraph, to_world, lambda: placed_triangles(mesh, to_world, known)
+        )
     pose, scale = rigid_pose(to_world, obj.name)
     size = {
         key: float(read_input(modifier, name)) * scale
@@ -433,21 +437,6 @@ def read_glass(
     return glass
 
 
-def _read_mesh(
-    evaluated: bpy.types.Object,
-    depsgraph: bpy.types.Depsgraph,
-    modifier,
-    to_world: np.ndarray,
-    known,
-) -> Glass:
-    """A glass that is a mesh; arguments as of `read_glass`."""
-
-    def shape(interface: Interface) -> MeshGlass:
-        return mesh_glass(evaluated.data, to_world, interface, known)
-
-    return _mesh_of(evaluated, depsgraph, modifier, to_world, shape)
-
-
 def read_mesh_interface(
     evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph, to_world: np.ndarray
 ) -> Glass:
@@ -458,27 +447,21 @@ def read_mesh_interface(
     RefractiveGlassError
     """
     nothing = np.zeros((0, 3, 3))
-
-    def shape(interface: Interface) -> MeshGlass:
-        return MeshGlass(nothing, nothing, **vars(interface))
-
-    modifier = glass_modifier(evaluated)
-    return _mesh_of(evaluated, depsgraph, modifier, to_world, shape)
+    return _read_mesh(evaluated, depsgraph, to_world, lambda: (nothing, nothing))
 
 
-def _mesh_of(
+def _read_mesh(
     evaluated: bpy.types.Object,
     depsgraph: bpy.types.Depsgraph,
-    modifier,
     to_world: np.ndarray,
-    shape,
+    triangles: Callable[[], tuple[np.ndarray, np.ndarray]],
 ) -> Glass:
-    """A glass that is a mesh; ``shape`` makes its description of an interface."""
-    name = evaluated.name
+    """A glass that is a mesh; ``triangles`` gives their points and normals."""
+    name, modifier = evaluated.name, glass_modifier(evaluated)
     _check_place(to_world, name)
-    ior = float(read_input(modifier, "IOR"))
     try:
-        description = shape(interface_of(evaluated, depsgraph, ior))
+        interface = interface_of(evaluated, depsgraph, float(read_input(modifier, "IOR")))
+        description = MeshGlass(*triangles(), **vars(interface))
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
         clear, inside = _absorption(modifier, description, scale)
@@ -569,20 +552,14 @@ def _revolution(profile, depsgraph, scale: float, ior: float, contents: float, l
         level = min(max(level, 0.0), float(nodes[-1, 1] - nodes[0, 1]))
     if inner is None or level < _SHALLOW * scale * np.abs(sides[0]).max():
         level = None
-    return _kept_revolution(_nested(sides[0]), _nested(inner), ior, contents, level)
+    outer, inner = (None if side is None else nested(side) for side in (sides[0], inner))
+    return _kept_revolution(outer, inner, ior, contents, level)
 
 
 @lru_cache(maxsize=32)
 def _kept_revolution(outer, inner, ior: float, contents: float, level: float | None):
     """One description for equal profiles: it keeps tables that take time to make."""
     return optics.RevolutionGlass(outer, inner, ior, contents, level)
-
-
-def _nested(array: np.ndarray | None):
-    """The array as tuples, which can be compared and hashed."""
-    if array is None or array.ndim == 0:
-        return None if array is None else float(array)
-    return tuple(_nested(part) for part in array)
 
 
 def _profile_points(spline) -> np.ndarray:

@@ -85,10 +85,10 @@ class Interface:
     reflected: tuple[float, float, float] = CLEAR
 
 
-def mesh_glass(
-    mesh: bpy.types.Mesh, to_world: np.ndarray, interface: Interface, known: dict | None = None
-) -> MeshGlass:
-    """A glass from its evaluated mesh.
+def placed_triangles(
+    mesh: bpy.types.Mesh, to_world: np.ndarray, known: dict | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and unit normals (T, 3, 3) of an evaluated mesh's triangles in the world.
 
     Parameters
     ----------
@@ -100,14 +100,10 @@ def mesh_glass(
     ValueError
         No faces, or coordinates that are no numbers.
     """
-    key = mesh.as_pointer()
-    if known is None or key not in known:
-        local = triangles_of(mesh)
-        if known is not None:
-            known[key] = local
-    else:
-        local = known[key]
-    points, normals = local
+    key, known = mesh.as_pointer(), {} if known is None else known
+    if key not in known:
+        known[key] = triangles_of(mesh)
+    points, normals = known[key]
     linear = to_world[:3, :3]
     placed = points @ linear.T + to_world[:3, 3]
     turned = normals @ np.linalg.inv(linear)
@@ -123,14 +119,7 @@ def mesh_glass(
     length = np.linalg.norm(turned, axis=2, keepdims=True)
     usable = np.isfinite(length) & (length > 0.0)
     turned = np.where(usable, turned / np.where(usable, length, 1.0), flat[:, None])
-    return MeshGlass(
-        np.ascontiguousarray(placed),
-        np.ascontiguousarray(turned),
-        interface.ior,
-        interface.roughness,
-        interface.refracted,
-        interface.reflected,
-    )
+    return np.ascontiguousarray(placed), np.ascontiguousarray(turned)
 
 
 def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
