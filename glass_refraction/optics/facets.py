@@ -13,6 +13,24 @@ from numpy.typing import NDArray
 from .surfaces import Floats
 from .vectors import basis, dot, units
 
+
+def placed(points: Floats, normals: Floats, linear: Floats, shift: Floats | float):
+    """Corners and unit normals (T, 3, 3) of triangles elsewhere, and twice their areas (T,).
+
+    Where a corner has no normal it gets the face's.
+    """
+    points, normals = points @ linear.T + shift, normals @ np.linalg.inv(linear)
+    if np.linalg.det(linear) < 0.0:
+        # A mirrored triangle runs the other way round.
+        points, normals = points[:, ::-1], normals[:, ::-1]
+    flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    area = np.linalg.norm(flat, axis=1)
+    flat = flat / np.where(area > 0.0, area, 1.0)[:, None]
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    usable = np.isfinite(length) & (length > 0.0)
+    return points, np.where(usable, normals / np.where(usable, length, 1.0), flat[:, None]), area
+
+
 ENDLESS = 64
 """Events after which no way is followed on."""
 

@@ -11,6 +11,7 @@ from typing import ClassVar
 import bpy
 import numpy as np
 
+from ...optics.facets import placed
 from ..names import own
 from .arrays import corner_normals, mesh_triangles, positions, read_attribute
 from .node_ends import leading_node
@@ -104,22 +105,11 @@ def placed_triangles(
     if key not in known:
         known[key] = triangles_of(mesh)
     points, normals = known[key]
-    linear = to_world[:3, :3]
-    placed = points @ linear.T + to_world[:3, 3]
-    turned = normals @ np.linalg.inv(linear)
-    if np.linalg.det(linear) < 0.0:
-        # A mirrored triangle runs the other way round.
-        placed, turned = placed[:, ::-1], turned[:, ::-1]
-    flat = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
-    area = np.linalg.norm(flat, axis=1)
+    points, normals, area = placed(points, normals, to_world[:3, :3], to_world[:3, 3])
     kept = area > 0.0
     if not kept.any():
         raise ValueError("its mesh has no area")
-    placed, turned, flat = placed[kept], turned[kept], flat[kept] / area[kept, None]
-    length = np.linalg.norm(turned, axis=2, keepdims=True)
-    usable = np.isfinite(length) & (length > 0.0)
-    turned = np.where(usable, turned / np.where(usable, length, 1.0), flat[:, None])
-    return np.ascontiguousarray(placed), np.ascontiguousarray(turned)
+    return np.ascontiguousarray(points[kept]), np.ascontiguousarray(normals[kept])
 
 
 def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
