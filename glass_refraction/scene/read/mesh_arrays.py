@@ -13,7 +13,8 @@ from .arrays import corner_normals, mesh_triangles, read_attribute, write_attrib
 from .sources import Piece, world_positions
 
 # Attributes that Blender makes from the mesh itself or that belong to other domains.
-_LEFT_OUT = {"position", "custom_normal", "sharp_edge", ".edge_verts"}
+_MATERIAL = "material_index"
+_LEFT_OUT = {"position", "custom_normal", "sharp_edge", ".edge_verts", _MATERIAL}
 _INTERPOLATED = {"FLOAT", "FLOAT2", "FLOAT_VECTOR", "FLOAT_COLOR", "BYTE_COLOR"}
 _TAKEN_OVER = {"INT", "INT8", "BOOLEAN"}
 
@@ -73,13 +74,10 @@ def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = N
             elif kind in _INTERPOLATED | _TAKEN_OVER and domain == "FACE":
                 values = read_attribute(attribute)[faces]
                 of_face.setdefault(attribute.name, []).append((len(counts), kind, values))
-        material = np.zeros((count, 1), np.int32)
-        if "material_index" in mesh.attributes:
-            material = read_attribute(mesh.attributes["material_index"])[faces]
-        of_face.setdefault("material_index", [])
-        of_face["material_index"] = [
-            e for e in of_face["material_index"] if e[0] != len(counts)
-        ] + [(len(counts), "INT", material + slots)]
+        material = np.full((count, 1), slots, np.int32)
+        if _MATERIAL in mesh.attributes:
+            material += read_attribute(mesh.attributes[_MATERIAL])[faces]
+        of_face.setdefault(_MATERIAL, []).append((len(counts), "INT", material))
         slots += max(1, len(mesh.materials))
         counts.append(count)
     joined = read_triangles(parts)
