@@ -74,13 +74,8 @@ def is_held(scene: bpy.types.Scene) -> bool:
     return scene.session_uid in under_way or baked(scene) is not None
 
 
-def bake_problems(scene: bpy.types.Scene, shading: str) -> list[str]:
-    """What of the scene no longer fits its bake, a line each; empty if it is not baked.
-
-    Parameters
-    ----------
-    shading : ``TRUE`` or ``DISPLACED``, as it would take effect now.
-    """
+def bake_problems(scene: bpy.types.Scene) -> list[str]:
+    """What of the scene no longer fits its bake, a line each; empty if it is not baked."""
     bake = baked(scene)
     if bake is None:
         return []
@@ -91,7 +86,7 @@ def bake_problems(scene: bpy.types.Scene, shading: str) -> list[str]:
             f"Baked for {bake.size[0]} x {bake.size[1]} pixels, the picture has "
             f"{size[0]} x {size[1]}: bake again"
         )
-    if shading != bake.shading:
+    if scene.refractive_glass.shading != bake.shading:
         found.append(f"Baked for shading {bake.shading.title()}: bake again or set it back")
     if not (bake.folder / CONTENTS).is_file():
         found.append(f"The baked files in {bake.directory} are missing: bring them back or free")
