@@ -42,12 +42,9 @@ from .read.modifier_inputs import write_input
 from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
 from .vertices import displaced
-from .vertices.displaced import MAX_TOLERANCE_PX
 
 __all__ = [
-    "MAX_TOLERANCE_PX",
     "Status",
-    "Step",
     "counters",
     "finished",
     "forget",

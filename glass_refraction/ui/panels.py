@@ -21,20 +21,17 @@ from .compare import SCENE_OT_refractive_glass_compare
 from .lines import draw_lines
 from .menus import VIEW3D_MT_refractive_glass_add
 from .operators import (
+    SIZES,
     OBJECT_OT_refractive_glass_modifier_add,
     OBJECT_OT_refractive_glass_turn_normals,
     SCENE_OT_refractive_glass_update,
 )
 
 _SIZES = {
-    "Slab": ("Wall Thickness",),
-    "Cylinder": ("Radius", "Wall Thickness", "Height"),
-    "Rod": ("Radius", "Height"),
-    "Sphere": ("Radius", "Wall Thickness"),
-    "Tumbler": ("Radius", "Wall Thickness", "Height", "Bottom Thickness"),
-    "Revolution": ("Profile",),
-    "Mesh": (),
-}
+    shape.title(): tuple(name.replace("_", " ").title() for name in names)
+    for shape, names in SIZES.items()
+} | {"Revolution": ("Profile",)}
+"""Shape -> the inputs that say how large it is."""
 _CONTENTS = {
     "Slab": "Behind",
     "Cylinder": "Contents",
