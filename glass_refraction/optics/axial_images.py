@@ -710,7 +710,7 @@ class Found:
     marks: Floats
 
     def columns(self):
-        return tuple(getattr(self, name) for name in self.__dataclass_fields__)
+        return tuple(vars(self).values())
 
     def take(self, which) -> Found:
         return Found(*(part[which] for part in self.columns()))
