@@ -59,6 +59,13 @@ def edges(mesh: bpy.types.Mesh) -> np.ndarray:
     return out
 
 
+def edges_of_corners(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(L,) int32, the edge that each face corner begins: one face has it once."""
+    out = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("edge_index", out)
+    return out
+
+
 def mesh_triangles(mesh: bpy.types.Mesh, what: str = "vertices") -> np.ndarray:
     """A property of a mesh's triangles, int32: ``vertices`` or ``loops`` (T, 3), others (T,)."""
     mesh.calc_loop_triangles()

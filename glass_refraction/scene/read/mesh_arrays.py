@@ -9,7 +9,13 @@ import bpy
 import numpy as np
 
 from ..vertices.tessellation import Triangles
-from .arrays import corner_normals, mesh_triangles, read_attribute, write_attribute
+from .arrays import (
+    corner_normals,
+    mesh_triangles,
+    read_attribute,
+    write_attribute,
+    write_polygons,
+)
 from .sources import Piece, world_positions
 
 # Attributes that Blender makes from the mesh itself or that belong to other domains.
@@ -107,14 +113,7 @@ def write_mesh(mesh: bpy.types.Mesh, source: SourceMesh, triangles: Triangles) -
     The original normals go into ``rg_normal``.
     """
     mesh.clear_geometry()
-    count = len(triangles.corners)
-    mesh.vertices.add(len(triangles.points))
-    mesh.loops.add(3 * count)
-    mesh.polygons.add(count)
-    mesh.loops.foreach_set("vertex_index", triangles.corners.astype(np.int32).ravel())
-    mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
-    write_attribute(mesh, "position", triangles.points, "FLOAT_VECTOR")
-    mesh.update(calc_edges=True)
+    write_polygons(mesh, triangles.points, triangles.corners)
     for name, (kind, values) in source.at_corner.items():
         write_attribute(mesh, name, _at(values, triangles), kind, "CORNER")
     for name, (kind, values) in source.of_face.items():

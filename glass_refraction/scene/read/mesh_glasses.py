@@ -13,7 +13,13 @@ import numpy as np
 
 from ...optics.facets import placed
 from ..names import own
-from .arrays import corner_normals, mesh_triangles, positions, read_attribute
+from .arrays import (
+    corner_normals,
+    edges_of_corners,
+    mesh_triangles,
+    positions,
+    read_attribute,
+)
 from .node_ends import leading_node
 
 CORNER_NORMAL = "rg_corner_normal"
@@ -218,8 +224,5 @@ _READERS = {"BSDF_GLASS": _glass, "BSDF_REFRACTION": _glass, "BSDF_PRINCIPLED": 
 
 def open_edges(mesh: bpy.types.Mesh) -> tuple[int, int]:
     """Edges of a mesh that bound one face only, and those that bound more than two."""
-    edges = np.empty(len(mesh.loops), np.int32)
-    if len(edges):
-        mesh.loops.foreach_get("edge_index", edges)
-    count = np.bincount(edges, minlength=len(mesh.edges))
+    count = np.bincount(edges_of_corners(mesh), minlength=len(mesh.edges))
     return int((count == 1).sum()), int((count > 2).sum())
