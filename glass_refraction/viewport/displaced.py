@@ -20,7 +20,7 @@ from ..scene.read.viewpoint import Viewpoint
 from . import glsl, vertex_glsl
 from .bending import TUBE, Bending, ByRays, bending
 from .description import Frame, Posed
-from .paint import DESCRIPTIONS, _uniform
+from .paint import DESCRIPTIONS, _uniform, compiled
 from .shaders import kept
 from .things import Placed, Things
 from .vertex_glsl import MOST_DRAWN
@@ -199,23 +199,8 @@ def _raster(view: tuple[int, int], size: tuple[int, int], jitter, divisor: float
 def picture_shader():
     """The ray shader that takes what was drawn displaced."""
     if "displaced" not in kept:
-        info = gpu.types.GPUShaderCreateInfo()
-        info.vertex_in(0, "VEC2", "corner")
-        known = DESCRIPTIONS["picture"]
-        for kind, name in known["constants"]:
-            info.push_constant(kind, name)
-        info.typedef_source(glsl.BLOCKS + vertex_glsl.BLOCKS)
-        info.uniform_buf(0, "Glasses", "glasses")
-        info.uniform_buf(1, "View", "view")
-        info.uniform_buf(2, "Drawn", "drawn")
-        for slot, name in enumerate(known["samplers"]):
-            info.sampler(slot, "FLOAT_2D", name)
-        info.sampler(len(known["samplers"]), "FLOAT_2D_ARRAY", "drawn_tx")
-        for slot, name in enumerate(known["outputs"]):
-            info.fragment_out(slot, "VEC4", name)
-        info.vertex_source(glsl.QUAD_VERTEX)
-        info.fragment_source(vertex_glsl.PICTURE)
-        kept["displaced"] = gpu.shader.create_from_info(info)
+        known = DESCRIPTIONS["picture"] | {"fragment": vertex_glsl.PICTURE}
+        kept["displaced"] = compiled(**known, drawn=vertex_glsl.BLOCKS)
     return kept["displaced"]
 
 

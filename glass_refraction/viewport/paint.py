@@ -761,15 +761,26 @@ DESCRIPTIONS = {
 
 
 def compiled(
-    *, constants, samplers, outputs, fragment: str, glasses=False, view=False, meshes=False
+    *,
+    constants,
+    samplers,
+    outputs,
+    fragment: str,
+    glasses=False,
+    view=False,
+    meshes=False,
+    drawn="",
 ):
-    """A shader that draws quads: ``box`` is (x0, y0, x1, y1) of what it covers, -1 to 1."""
+    """A shader that draws quads: ``box`` is (x0, y0, x1, y1) of what it covers, -1 to 1.
+
+    ``drawn``: the text of a block ``Drawn``, where it takes what was drawn displaced.
+    """
     info = gpu.types.GPUShaderCreateInfo()
     info.vertex_in(0, "VEC2", "corner")
     for kind, name in constants:
         info.push_constant(kind, name)
     if glasses or view:
-        info.typedef_source(glsl.BLOCKS)
+        info.typedef_source(glsl.BLOCKS + drawn)
     if glasses:
         info.uniform_buf(0, "Glasses", "glasses")
     if view:
@@ -779,6 +790,9 @@ def compiled(
         fragment = f"#define MESHES\n{fragment}"
     for slot, name in enumerate(samplers):
         info.sampler(slot, "FLOAT_2D", name)
+    if drawn:
+        info.uniform_buf(2, "Drawn", "drawn")
+        info.sampler(len(samplers), "FLOAT_2D_ARRAY", "drawn_tx")
     for slot, name in enumerate(outputs):
         info.fragment_out(slot, "VEC4", name)
     info.vertex_source(glsl.QUAD_VERTEX)
