@@ -82,7 +82,7 @@ class Glass:
     @property
     def key(self) -> str:
         """The glass's name, and that of the light it is computed for."""
-        return banded_key(self.name, self.band)
+        return f"{self.name} \u00b7 {self.band}" if self.band else self.name
 
     @property
     def disperses(self) -> bool:
@@ -155,11 +155,6 @@ class Glass:
     def points_to_world(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the glass's frame in the world."""
         return points @ self.to_world[:3, :3].T + self.to_world[:3, 3]
-
-
-def banded_key(name: str, band: str) -> str:
-    """What is made for a glass in light of one colour is known by this."""
-    return f"{name} \u00b7 {band}" if band else name
 
 
 def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
