@@ -117,6 +117,9 @@ MAIN = source("main")
 
 PICTURE = HOOKS + SMOOTH + FOLLOW + LOOKUP + MAIN
 
+# For tests: the depth that counts for places between pixels, and that of an edge to their left.
+BETWEEN = HOOKS + SMOOTH + FOLLOW + LOOKUP + source("between")
+
 QUAD_VERTEX = """
 void main()
 {

@@ -701,6 +701,19 @@ DESCRIPTIONS = {
         "outputs": ["color", "cover"],
         "fragment": glsl.PICTURE,
     },
+    "between": {
+        "constants": [
+            ("VEC4", "box"),
+            ("VEC4", "backdrop"),
+            ("FLOAT", "parts"),
+            ("INT", "has_depth"),
+        ],
+        "samplers": ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"],
+        "glasses": True,
+        "view": True,
+        "outputs": ["frag"],
+        "fragment": glsl.BETWEEN,
+    },
     "result": {
         "constants": [
             ("VEC4", "box"),

@@ -50,14 +50,6 @@ _EXITS_OUT = (
     )
     + "\n}\n"
 )
-# The depth that counts for places between pixels, and that of an edge to their left.
-BETWEEN = """
-void main()
-{
-  vec2 at = gl_FragCoord.xy / parts;
-  frag = vec4(depth_near(at), limb_at(at, vec2(1.0, 0.0)), depth_between(at), 0.0);
-}
-"""
 
 
 def _constant(paint, module: str, name: str):
@@ -78,77 +70,6 @@ def tiles_of(paint, depths: np.ndarray) -> np.ndarray:
     with target.bind():
         read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
-
-
-def plain_values(paint, values: np.ndarray) -> np.ndarray:
-    """Values (height, width) of a depth buffer without what EEVEE adds to them."""
-    height, width = values.shape
-    direct = paint.Direct()
-    direct.raw = paint._texture(np.ascontiguousarray(values, np.float32), "R32F")
-    direct.wire_depth = paint._texture(
-        np.full((height, width), _constant(paint, "wires", "NOTHING"), np.float32), "R32F"
-    )
-    direct.line = (0.0, 1.0, 1.0, 0.0)
-    _, target = paint._target((width, height), "RGBA32F")
-    direct.size = (width, height)
-    direct._take_depths(target, amended=True)
-    with target.bind():
-        read = target.read_color(0, 0, width, height, 4, 0, "FLOAT")
-    return np.asarray(read).reshape(height, width, 4)[..., 0]
-
-
-def depths_between(
-    paint, values: np.ndarray, width: float, parts: int, *, parallel: bool = True
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depths that count at ``parts``² places in each pixel.
-
-    Parameters
-    ----------
-    values : (height, width) depths of pixels. width : of a pixel, in the depths' unit.
-    parallel : what kind of view they are depths of.
-
-    Returns
-    -------
-    (rows, columns) each: the depths, those of a round thing's edge to the left of each place, and
-    those of a surface that goes on from pixel to pixel.
-    """
-    height, columns = values.shape
-    direct = paint.Direct()
-    direct.size = (columns, height)
-    direct.depth = direct._plain = paint._texture(np.ascontiguousarray(values, np.float32), "R32F")
-    direct._stepped, direct._to_stepped = paint._target(direct.size, "RG32F")
-    direct._mark_steps((width, 0.0))
-    block = np.zeros((_constant(paint, "eye", "VIEW_ROWS"), 4), np.float32)
-    block[5, 0], block[10, :2] = width, direct.size
-    block[9, 3] = not parallel
-    size = (parts * columns, parts * height)
-    _, target = paint._target(size, "RGBA32F")
-    glsl = import_module(".glsl", paint.__package__)
-    samplers = ["direct_tx", "depth_tx", "tile_tx", "capture_tx", "reach_tx"]
-    shader = paint.compiled(
-        constants=[("VEC4", "box"), ("VEC4", "backdrop"), ("FLOAT", "parts"), ("INT", "has_depth")],
-        samplers=samplers,
-        outputs=["frag"],
-        fragment=glsl.HOOKS + glsl.SMOOTH + glsl.FOLLOW + glsl.LOOKUP + BETWEEN,
-        glasses=True,
-        view=True,
-    )
-    # Held until they were drawn with.
-    glasses, view = (
-        paint._uniform(np.zeros((_constant(paint, "description", "ROWS"), 4))),
-        paint._uniform(block),
-    )
-    none = paint._texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
-    with paint.filling(target, size, shader):
-        shader.uniform_block("glasses", glasses)
-        shader.uniform_block("view", view)
-        for name in samplers:
-            shader.uniform_sampler(name, direct.depth if name == "depth_tx" else none)
-        shader.uniform_float("parts", float(parts))
-    with target.bind():
-        read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
-    read = read.reshape(size[1], size[0], 4)
-    return read[..., 0], read[..., 1], read[..., 2]
 
 
 def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=()):
@@ -205,3 +126,70 @@ def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=
         if not found[0, first, ..., 3].any():
             break
     return found[0], found[1]
+
+
+def plain_values(paint, values: np.ndarray) -> np.ndarray:
+    """Values (height, width) of a depth buffer without what EEVEE adds to them."""
+    height, width = values.shape
+    direct = paint.Direct()
+    direct.raw = paint._texture(np.ascontiguousarray(values, np.float32), "R32F")
+    direct.wire_depth = paint._texture(
+        np.full((height, width), _constant(paint, "wires", "NOTHING"), np.float32), "R32F"
+    )
+    direct.line = (0.0, 1.0, 1.0, 0.0)
+    _, target = paint._target((width, height), "RGBA32F")
+    direct.size = (width, height)
+    direct._take_depths(target, amended=True)
+    with target.bind():
+        read = target.read_color(0, 0, width, height, 4, 0, "FLOAT")
+    return np.asarray(read).reshape(height, width, 4)[..., 0]
+
+
+def depths_between(
+    paint, values: np.ndarray, width: float, parts: int, *, parallel: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Depths that count at ``parts``² places in each pixel.
+
+    Parameters
+    ----------
+    values : (height, width) depths of pixels. width : of a pixel, in the depths' unit.
+    parallel : what kind of view they are depths of.
+
+    Returns
+    -------
+    (rows, columns) each: the depths, those of a round thing's edge to the left of each place, and
+    those of a surface that goes on from pixel to pixel.
+    """
+    height, columns = values.shape
+    direct = paint.Direct()
+    direct.size = (columns, height)
+    direct.depth = direct._plain = paint._texture(np.ascontiguousarray(values, np.float32), "R32F")
+    direct._stepped, direct._to_stepped = paint._target(direct.size, "RG32F")
+    direct._mark_steps((width, 0.0))
+    block = np.zeros((_constant(paint, "eye", "VIEW_ROWS"), 4), np.float32)
+    block[5, 0], block[10, :2] = width, direct.size
+    block[9, 3] = not parallel
+    size = (parts * columns, parts * height)
+    _, target = paint._target(size, "RGBA32F")
+    shader = paint._shader("between")
+    # Held until they were drawn with.
+    glasses, view = (
+        paint._uniform(np.zeros((_constant(paint, "description", "ROWS"), 4))),
+        paint._uniform(block),
+    )
+    none = paint._texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
+    with target.bind():
+        gpu.state.viewport_set(0, 0, *size)
+        gpu.state.depth_test_set("NONE")
+        gpu.state.blend_set("NONE")
+        shader.bind()
+        shader.uniform_block("glasses", glasses)
+        shader.uniform_block("view", view)
+        for name in paint.DESCRIPTIONS["between"]["samplers"]:
+            shader.uniform_sampler(name, direct.depth if name == "depth_tx" else none)
+        shader.uniform_float("parts", float(parts))
+        shader.uniform_float("box", paint.WHOLE)
+        paint._quad().draw(shader)
+        read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
+    read = read.reshape(size[1], size[0], 4)
+    return read[..., 0], read[..., 1], read[..., 2]
