@@ -21,7 +21,13 @@ from glass_refraction.scene.rays.exits import Endings, ending
 from glass_refraction.scene.read.glasses import read_glasses
 from glass_refraction.scene.read.sources import pieces, source_objects, world_positions
 from glass_refraction.scene.read.viewpoint import read_viewpoint
-from glass_refraction.scene.vertices.regions import path_regions, picture_rect, region_masks
+from glass_refraction.scene.vertices.kept_paths import kept_paths
+from glass_refraction.scene.vertices.regions import (
+    centre_weights,
+    path_regions,
+    picture_rect,
+    region_masks,
+)
 
 from .measure import seconds
 from .pictures import composite, computed, open_scene, timed
@@ -199,14 +205,14 @@ def _counts(scene: bpy.types.Scene) -> dict:
             vertices += len(world_positions(parts))
     glasses = []
     for glass in read_glasses(depsgraph):
-        kept = door.kept_paths(scene, glass, view)
+        kept = kept_paths(scene, glass, view)
         listed = optics.light_paths(glass.description, view.eye_for(glass), min_weight=LISTED)
-        found = path_regions(glass, view, listed, smooth=False)
-        mean = found.weights[:, found.hit].sum(axis=1) / max(1, found.hit.sum())
+        weights, hit = centre_weights(glass, view, listed)
+        mean = weights[:, hit].sum(axis=1) / max(1, hit.sum())
         carried = dict(zip((path.events for path in listed), mean.tolist(), strict=True))
         rect = picture_rect(glass, view)
         smooth = seconds(lambda g=glass, k=kept: path_regions(g, view, k))
-        plain = seconds(lambda g=glass, k=kept: path_regions(g, view, k, smooth=False))
+        plain = seconds(lambda g=glass, k=kept: centre_weights(g, view, k))
         glasses.append(
             {
                 "glass": glass.name,
@@ -215,7 +221,7 @@ def _counts(scene: bpy.types.Scene) -> dict:
                 "light_kept": sum(carried.get(path.events, 0.0) for path in kept),
                 "light_listed": sum(carried.values()),
                 "rect_pixels": max(0, rect[2] - rect[0]) * max(0, rect[3] - rect[1]),
-                "hit_pixels": int(found.hit.sum()),
+                "hit_pixels": int(hit.sum()),
                 "mask_seconds": smooth,
                 "mask_centres_seconds": plain,
             }

@@ -18,7 +18,7 @@ from glass_refraction.scene.rays.caster import Casters, fill_cast_collection
 from glass_refraction.scene.rays.frame import placed_glasses
 from glass_refraction.scene.rays.meshes import GlassMeshes
 from glass_refraction.scene.read.glasses import Glass
-from glass_refraction.scene.read.mesh_glasses import Interface, MeshGlass, mesh_glass
+from glass_refraction.scene.read.mesh_glasses import MeshGlass, placed_triangles
 
 from .cases import BALL, BOWL, BUBBLE, TUMBLER
 from .measure import cpu_seconds, seconds, spread
@@ -180,7 +180,7 @@ def _ball(triangles: int) -> MeshGlass:
     ball.to_mesh(mesh)
     ball.free()
     mesh.shade_smooth()
-    return mesh_glass(mesh, np.eye(4), Interface(BALL.ior[0]))
+    return MeshGlass(*placed_triangles(mesh, np.eye(4)), BALL.ior[0])
 
 
 # --- hard cases ----------------------------------------------------------------------------------
@@ -343,7 +343,7 @@ def _mesh(box: Box, broken: bool) -> MeshGlass:
     mesh.from_pydata((points - middle).reshape(-1, 3).tolist(), [], faces.tolist())
     to_world = np.eye(4)
     to_world[:3, 3] = middle
-    return mesh_glass(mesh, to_world, Interface(box.ior))
+    return MeshGlass(*placed_triangles(mesh, to_world), box.ior)
 
 
 def _casters() -> Casters:

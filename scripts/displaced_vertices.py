@@ -25,7 +25,8 @@ import bpy
 import gpu
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = str(ROOT), str(ROOT / "tests" / "real_blender" / "inside")
 FILE = Path(sys.argv[sys.argv.index("--") + 1])
 SIDES = (316, 632, 894)
 """Vertices a side of the sheet: about 100,000, 400,000 and 800,000 of them."""
@@ -35,6 +36,16 @@ HALF_ANGLE = 6.0
 """Of the view, degrees up and down: the tube fills two thirds of its width."""
 EYE = 0.5
 FRAMES = 15
+PLAIN = """
+void main()
+{
+  vec3 q = (place * vec4(pos, 1.0)).xyz;
+  at = q;
+  miss = 0.0;
+  gl_Position = bend.to_clip * vec4(q - bend.eye.xyz, 0.0) + bend.clip_eye;
+}
+"""
+"""The vertex shader of the same triangles where they are."""
 
 
 def sheet(side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -149,22 +160,25 @@ def one_colour():
     info.vertex_in(0, "VEC3", "pos")
     info.vertex_out(face)
     info.fragment_out(0, "VEC4", "frag")
-    info.vertex_source(vertex_glsl.PLAIN_VERTEX)
+    info.vertex_source(PLAIN)
     info.fragment_source("void main() { frag = vec4(fract(at.yz), 0.5, 1.0); }")
     return gpu.shader.create_from_info(info)
 
 
 def largest_error(bench: Bench, points: np.ndarray) -> float:
     """Pixels between the shader's images and those in double precision."""
+    from vertex_points import apparent_points
+
     from glass_refraction import optics
-    from glass_refraction.viewport.displaced import apparent_points
 
     unbounded = optics.CylinderGlass(bench.glass.radius, bench.glass.ior)
     true = optics.apparent_points(unbounded, "TTTT", bench.view.eye, points.astype(float))
     slot = int(np.flatnonzero(true.stretch == 4)[0])
     clip = np.column_stack((true.position[slot], np.ones(len(points))))
     clip = clip @ (bench.view.projection @ bench.view.to_camera).T
-    places, _, _ = apparent_points(bench.one, bench.block, points, False, np.eye(4))
+    places, _, _ = apparent_points(
+        "glass_refraction", bench.one, bench.block, points, False, np.eye(4)
+    )
     off = 0.5 * (places - clip[:, :2] / clip[:, 3:]) * SIZE
     return float(np.linalg.norm(off, axis=1)[true.valid[slot]].max())
 
@@ -176,7 +190,7 @@ def run() -> None:
     bench, found = Bench(), []
     shaders = {
         "plain_colour": one_colour(),
-        "plain": things_shader(TUBE, plain=True),
+        "plain": things_shader(TUBE, PLAIN),
         "displaced": things_shader(TUBE),
     }
     layout = gpu.types.GPUVertFormat()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .glasses import Recolour
-from .laws import fresnel
+from .laws import fresnel, proper_rays
 from .paths import LightPath, ParallelView, as_path
 from .profiles import Profile
 from .solver import in_blocks
@@ -292,14 +292,9 @@ class Group:
 
 def start(glass: BoundedGlass, origin: ArrayLike, direction: ArrayLike) -> list[Group]:
     """Groups of the proper rays (finite, with a direction), one a medium."""
-    direction = np.atleast_2d(np.asarray(direction, dtype=float))
-    origin = np.broadcast_to(np.asarray(origin, dtype=float), direction.shape)
-    largest = np.abs(direction).max(axis=-1, initial=0.0)
-    proper = np.isfinite(largest) & (largest > 0.0) & np.isfinite(origin).all(axis=-1)
+    origin, direction, proper = proper_rays(origin, direction)
     index = np.flatnonzero(proper)
-    direction = direction[index] / largest[index, None]
-    direction = direction / np.sqrt(np.sum(direction * direction, axis=-1, keepdims=True))
-    origin = origin[index]
+    origin, direction = origin[index], direction[index]
     medium = glass.medium_at(origin)
     groups = []
     for number in np.unique(medium):
@@ -437,15 +432,8 @@ def follow_paths(glass: AxialGlass, groups: list[Group], paths: Iterable[LightPa
 
 def trace_axial(glass: AxialGlass, origin: ArrayLike, direction: ArrayLike, path) -> tuple:
     """`origin`, `direction`, `length` and `valid` of `TracedRays`."""
-    directions = np.atleast_2d(np.asarray(direction, dtype=float))
-    shape = directions.shape
-    origins = np.array(np.broadcast_to(np.asarray(origin, dtype=float), shape))
-    bad = ~(np.isfinite(origins).all(axis=-1) & np.isfinite(directions).all(axis=-1))
-    origins[bad] = 0.0
-    directions = np.where(bad[:, None] | ~directions.any(axis=-1)[:, None], (0.0, 0, 1), directions)
-    directions = directions / np.abs(directions).max(axis=-1, keepdims=True)
-    directions = directions / np.sqrt(np.sum(directions**2, axis=-1, keepdims=True))
-    lengths, valid = np.zeros(shape[0]), np.zeros(shape[0], dtype=bool)
+    origins, directions, _ = proper_rays(origin, direction)
+    lengths, valid = np.zeros(len(directions)), np.zeros(len(directions), dtype=bool)
     path = as_path(path)
     for _, group in follow_paths(glass, start(glass, origin, direction), (path,)):
         if path.events:

@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .axial import AxialGlass, realisations, steps_of
-from .axial_rays import Passage, Unknowns, basis
+from .axial_rays import Passage, Unknowns
 from .images import Slot
 from .paths import LightPath, ParallelView
 from .solver import in_blocks
 from .surfaces import Floats
+from .vectors import basis
 
 ENOUGH = 40
 """Cells that a path's region should have before refinement."""
@@ -709,7 +710,7 @@ class Found:
     marks: Floats
 
     def columns(self):
-        return tuple(getattr(self, name) for name in self.__dataclass_fields__)
+        return tuple(vars(self).values())
 
     def take(self, which) -> Found:
         return Found(*(part[which] for part in self.columns()))

@@ -127,6 +127,11 @@ class Passage:
         momentum = tuple(n * part for part in direction)
         return Rays(tuple(unknowns[:3]), momentum, tuple(tilts)), exists, length
 
+    def _from_eye(self, rays: Rays, length: Floats) -> Rays:
+        """The rays of the first stretch, from where they begin."""
+        pairs = zip(rays.place, rays.momentum, strict=True)
+        return Rays(tuple(q - length * (p / self.ior) for q, p in pairs), rays.momentum)
+
     def _meet(self, number: int, rays: Rays, unknowns: Unknowns, marks):
         """Way to the interface of an event, which rays meet it, and its mark."""
         stage = self.stages[number]
@@ -157,11 +162,11 @@ class Passage:
 
     def _course(self, unknowns: Unknowns, marks: Marks | None) -> Course:
         rays, exists, length = self.begin(unknowns, False)
-        begin = tuple(
-            q - length * (p / self.ior) for q, p in zip(rays.place, rays.momentum, strict=True)
+        lines, ways, lengths = (
+            [self._from_eye(rays, length)],
+            [length / self.ior],
+            [0.0 * length, length],
         )
-        first = Rays(begin, rays.momentum)
-        lines, ways, lengths = [first], [length / self.ior], [0.0 * length, length]
         seen = []
         for number, stage in enumerate(self.stages):
             way, ahead, mark = self._meet(number, rays, unknowns, marks)
@@ -175,15 +180,8 @@ class Passage:
             exists = exists & ahead & possible
             if not np.all(exists):
                 # What does not exist stays where it was: its numbers must not grow.
-                rays = Rays(
-                    *(
-                        tuple(np.where(exists, new, old) for new, old in zip(*parts, strict=True))
-                        for parts in (
-                            (rays.place, before.place),
-                            (rays.momentum, before.momentum),
-                        )
-                    )
-                )
+                both = (rays.place, before.place), (rays.momentum, before.momentum)
+                rays = Rays(*(_where(exists, *parts) for parts in both))
             lines.append(rays)
         ways.append(np.full(len(length), np.inf))
         return Course(lines, ways, lengths, exists, seen)
@@ -202,14 +200,8 @@ class Passage:
                     exists &= ~self._hidden(number, rays, way, exists)
                 else:
                     exists &= stage.surface.within(*unknowns[:3])
-                    begin = Rays(
-                        tuple(
-                            q - length * (p / self.ior)
-                            for q, p in zip(rays.place, rays.momentum, strict=True)
-                        ),
-                        rays.momentum,
-                    )
-                    exists &= ~self._hidden(0, begin, length / self.ior, exists)
+                    first = self._from_eye(rays, length)
+                    exists &= ~self._hidden(0, first, length / self.ior, exists)
                 rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain, spot)
                 keep = np.flatnonzero(exists & possible)
                 rays, index = rays.take(keep), index[keep]
@@ -238,13 +230,11 @@ class Passage:
         """Which of some rays meet another interface on a stretch before its end."""
         medium = self.media[number]
         shape = way.shape
-        rays = Rays(
-            *(
-                tuple(np.broadcast_to(part, shape)[some] for part in parts)
-                for parts in (line.place, line.momentum)
-            )
+        place, momentum = (
+            tuple(np.broadcast_to(part, shape)[some] for part in parts)
+            for parts in (line.place, line.momentum)
         )
-        end = way[some]
+        rays, end = Rays(place, momentum), way[some]
         blocked = np.zeros(len(some), dtype=bool)
         for other, interface in self.glass.around(medium):
             if not last and other == self.stages[number].number:
@@ -330,15 +320,9 @@ class Passage:
             moved = self.first.slide(here, first * factor, second * factor)
             if not exists.all():
                 # Half way back to the last rays that exist.
-                half = self.first.onto(
-                    tuple(0.5 * (old + last) for old, last in zip(here, good, strict=True))
-                )
-                moved = tuple(
-                    np.where(exists, new, old) for new, old in zip(moved, half, strict=True)
-                )
-                good = tuple(
-                    np.where(exists, new, old) for new, old in zip(here, good, strict=True)
-                )
+                half = tuple(0.5 * (old + last) for old, last in zip(here, good, strict=True))
+                moved = _where(exists, moved, self.first.onto(half))
+                good = _where(exists, here, good)
             else:
                 good = here
             done = exists & (size < small * nearness[index])
@@ -368,19 +352,13 @@ class Passage:
         return result, determinant, steps, rests, final
 
 
+def _where(which: NDArray[np.bool_], ones: tuple, others: tuple) -> tuple:
+    """Of pairs of arrays the one, or the other where it does not hold."""
+    return tuple(np.where(which, one, other) for one, other in zip(ones, others, strict=True))
+
+
 HOPELESS, WANDERS = 6, 0.05
 """Steps after which a start is given up if it still takes such steps."""
 
 LARGEST = 0.5
 """Longest step, outer radii."""
-
-
-def basis(x, y, z):
-    """Two unit vectors that make a right-handed frame with the unit vector (x, y, z) last.
-
-    T. Duff et al., Building an Orthonormal Basis, Revisited (2017): without branches.
-    """
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)

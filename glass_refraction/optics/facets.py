@@ -11,7 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .surfaces import Floats
-from .vectors import dot, units
+from .vectors import basis, dot, units
+
+
+def placed(points: Floats, normals: Floats, linear: Floats, shift: Floats | float):
+    """Corners and unit normals (T, 3, 3) of triangles elsewhere, and twice their areas (T,).
+
+    Where a corner has no normal it gets the face's.
+    """
+    points, normals = points @ linear.T + shift, normals @ np.linalg.inv(linear)
+    if np.linalg.det(linear) < 0.0:
+        # A mirrored triangle runs the other way round.
+        points, normals = points[:, ::-1], normals[:, ::-1]
+    flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    area = np.linalg.norm(flat, axis=1)
+    flat = flat / np.where(area > 0.0, area, 1.0)[:, None]
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    usable = np.isfinite(length) & (length > 0.0)
+    return points, np.where(usable, normals / np.where(usable, length, 1.0), flat[:, None]), area
+
 
 ENDLESS = 64
 """Events after which no way is followed on."""
@@ -59,22 +77,9 @@ def visible_facets(normal: Floats, direction: Floats, alpha: Floats, first, seco
     GGX, visible normals, by two shares (L,) between 0 and 1 (J. Dupuy and A. Benyoub, Sampling
     Visible GGX Normals with Spherical Caps, 2023). `alpha`: roughness squared.
     """
-    # A frame round the normal (T. Duff and others, Building an Orthonormal Basis, Revisited, 2017)
-    x, y, z = normal
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    one = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x])
-    other = np.stack([b, sign + y * y * a, -y])
-    view = units(
-        np.stack(
-            [
-                -alpha * dot(one, direction),
-                -alpha * dot(other, direction),
-                -dot(normal, direction),
-            ]
-        )
-    )
+    one, other = map(np.stack, basis(*normal))
+    across = (-alpha * dot(axis, direction) for axis in (one, other))
+    view = units(np.stack([*across, -dot(normal, direction)]))
     azimuth = 2.0 * np.pi * first
     height = (1.0 - second) * (1.0 + view[2]) - view[2]
     radius = np.sqrt(np.maximum(1.0 - height * height, 0.0))

@@ -24,6 +24,21 @@ def reflect(direction: ArrayLike, normal: ArrayLike) -> NDArray[np.float64]:
     return direction - 2.0 * along * normal
 
 
+def proper_rays(origin: ArrayLike, direction: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
+    """Origins and unit directions (M, 3) of rays, and which are finite and have a direction.
+
+    Those that are not get numbers that can be computed with.
+    """
+    direction = np.atleast_2d(np.asarray(direction, dtype=float))
+    origin = np.broadcast_to(np.asarray(origin, dtype=float), direction.shape)
+    largest = np.abs(direction).max(axis=-1, initial=0.0)
+    proper = np.isfinite(largest) & (largest > 0.0) & np.isfinite(origin).all(axis=-1)
+    direction = np.where(proper[:, None], direction, (0.0, 0.0, 1.0))
+    direction = direction / np.where(proper, largest, 1.0)[:, None]
+    direction = direction / np.sqrt(np.sum(direction * direction, axis=-1, keepdims=True))
+    return np.where(proper[:, None], origin, 0.0), direction, proper
+
+
 def refract(
     direction: ArrayLike, normal: ArrayLike, eta: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -60,7 +60,7 @@ class RevolutionGlass(AxialGlass):
         for field in ("ior", "liquid_ior", "ior_outside"):
             set_field(self, field, _positive(field, getattr(self, field)))
         outer = as_curve("outer", self.outer)
-        set_field(self, "outer", _tuples(self.outer))
+        set_field(self, "outer", nested(self.outer))
         set_field(self, "_outer", outer)
         _from_axis("outer", self.outer)
         if self.inner is None:
@@ -70,7 +70,7 @@ class RevolutionGlass(AxialGlass):
                 raise ValueError(f"level must be None without inner, not {self.level!r}")
             return
         inner = as_curve("inner", self.inner)
-        set_field(self, "inner", _tuples(self.inner))
+        set_field(self, "inner", nested(self.inner))
         set_field(self, "_inner", inner)
         _from_axis("inner", self.inner)
         if self.level is not None:
@@ -182,7 +182,7 @@ class RevolutionGlass(AxialGlass):
         return np.where(inside, near[medium][row, column], medium == OUTSIDE)
 
 
-def _tuples(value: ArrayLike) -> tuple:
+def nested(value: ArrayLike) -> tuple:
     """Nested tuples of floats, which can be hashed."""
     array = np.asarray(value, dtype=float)
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .axial import AxialGlass, trace_axial
 from .glasses import CylinderGlass, FlatGlass, Glass
-from .laws import fresnel, reflect, refract
+from .laws import fresnel, proper_rays, reflect, refract
 from .outlines import in_polygon
 from .paths import LightPath, as_path
 
@@ -57,13 +57,7 @@ class Bundle:
     heading: NDArray[np.intp]
 
     def take(self, which: NDArray) -> Bundle:
-        return Bundle(
-            self.origin[which],
-            self.direction[which],
-            self.length[which],
-            self.medium[which],
-            self.heading[which],
-        )
+        return Bundle(*(part[which] for part in vars(self).values()))
 
 
 @dataclass(frozen=True)
@@ -85,25 +79,12 @@ class Meeting:
         return self.interface >= 0
 
     def take(self, which: NDArray) -> Meeting:
-        return Meeting(
-            self.interface[which],
-            self.point[which],
-            self.normal[which],
-            self.inside[which],
-            self.distance[which],
-        )
+        return Meeting(*(part[which] for part in vars(self).values()))
 
 
 def start(glass: Glass, origin: ArrayLike, direction: ArrayLike) -> tuple[Bundle, Flags]:
     """A bundle of rays, and which of them are proper (finite, with a direction)."""
-    direction = np.atleast_2d(np.asarray(direction, dtype=float))
-    origin = np.broadcast_to(np.asarray(origin, dtype=float), direction.shape)
-    largest = np.abs(direction).max(axis=-1, initial=0.0)
-    proper = np.isfinite(largest) & (largest > 0.0) & np.isfinite(origin).all(axis=-1)
-    direction = np.where(proper[:, None], direction, (0.0, 0.0, 1.0))
-    origin = np.where(proper[:, None], origin, 0.0)
-    direction = direction / np.where(proper, largest, 1.0)[:, None]
-    direction = direction / np.sqrt(np.sum(direction * direction, axis=-1, keepdims=True))
+    origin, direction, proper = proper_rays(origin, direction)
     medium = glass.medium_at(origin)
     if isinstance(glass, FlatGlass):
         deeper = direction[:, 2] < 0.0

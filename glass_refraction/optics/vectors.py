@@ -49,6 +49,17 @@ def perpendiculars(direction: Floats) -> tuple[Floats, Floats]:
     return right, np.cross(right, direction, axis=0)
 
 
+def basis(x, y, z):
+    """Two unit vectors that make a right-handed frame with the unit vector (x, y, z) last.
+
+    T. Duff et al., Building an Orthonormal Basis, Revisited (2017): without branches.
+    """
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
+
+
 def against(normal: Floats, direction: Floats) -> Floats:
     """The sign (L,) that turns normals (3, L) to the side that rays come from."""
     return np.where(dot(normal, direction) > 0.0, -1.0, 1.0)

@@ -16,7 +16,7 @@ from ..scene.build.own_scenes import find_own_scenes
 from ..scene.names import RefractiveGlassError
 from ..scene.read.glasses import read_glasses
 from ..scene.read.viewpoint import border_window, read_viewpoint, samples_setting
-from ..scene.update import Status, effective_shading, memory_of, status
+from ..scene.update import Status, memory_of, status
 from ..scene.vertices.kept_paths import bright_paths
 from ..scene.vertices.path_keys import path_key, path_of
 from ..scene.vertices.regions import left_out_pixels, region_masks
@@ -135,7 +135,7 @@ def comparing(
         "engines": engines,
         "problems": list(found.problems),
         "engine": scene.render.engine,
-        "shading": effective_shading(scene),
+        "shading": scene.refractive_glass.shading,
         "surface": surface,
         "magnification": MAGNIFICATION,
         "blender_version": bpy.app.version_string,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import bpy
@@ -31,16 +31,41 @@ SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefract
 _BOUNCES = 256
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Style:
-    """How all glasses are rendered: see `render_reference`. ``rough``: any of them is."""
+    """How all glasses are rendered, and the materials that they have.
+
+    Attributes
+    ----------
+    surface, shadows : see `rendering_reference`. rough : any glass is.
+    temporary : undoes what is made and set, with the reference.
+    """
 
     surface: str
     shadows: bool
     rough: bool
+    temporary: ExitStack
+    _materials: dict[tuple, bpy.types.Material] = field(default_factory=dict)
+
+    def material(self, kind: tuple) -> bpy.types.Material:
+        """The material of a kind, see `_kind` and `_glass_material`."""
+        if kind not in self._materials:
+            self._materials[kind] = _glass_material(self, *kind)
+            self.temporary.callback(bpy.data.materials.remove, self._materials[kind])
+        return self._materials[kind]
+
+    def set(self, owner, name: str, value) -> None:
+        """Set a property until the reference ends."""
+        self.temporary.callback(setattr, owner, name, getattr(owner, name))
+        setattr(owner, name, value)
 
 
-def render_reference(
+def render_reference(scene: bpy.types.Scene, **settings) -> np.ndarray:
+    """What :func:`rendering_reference` ends with, where Blender's window may wait."""
+    return finished(rendering_reference(scene, **settings))
+
+
+def rendering_reference(
     scene: bpy.types.Scene,
     *,
     samples: int | None = None,
@@ -49,8 +74,8 @@ def render_reference(
     glass_shadows: bool = False,
     denoised: bool = False,
     glasses: Sequence[Glass] | None = None,
-) -> np.ndarray:
-    """Render the scene's current frame in Cycles with its glasses as real meshes.
+) -> Generator[Request, object, np.ndarray]:
+    """Render the scene's current frame in Cycles with its glasses as real meshes, in steps.
 
     Camera, world, lights, resolution, border, pixel filter and film are the scene's own. Bounces
     suffice for glass, caustics are on; adaptive sampling is off. Samples are clamped as the scene's
@@ -82,30 +107,6 @@ def render_reference(
     RuntimeError
         The render was cancelled.
     """
-    return finished(
-        rendering_reference(
-            scene,
-            samples=samples,
-            seed=seed,
-            surface=surface,
-            glass_shadows=glass_shadows,
-            denoised=denoised,
-            glasses=glasses,
-        )
-    )
-
-
-def rendering_reference(
-    scene: bpy.types.Scene,
-    *,
-    samples: int | None = None,
-    seed: int = 0,
-    surface: str = "GLASS",
-    glass_shadows: bool = False,
-    denoised: bool = False,
-    glasses: Sequence[Glass] | None = None,
-) -> Generator[Request, object, np.ndarray]:
-    """:func:`render_reference` in steps, for who lets Blender's window go on meanwhile."""
     if surface not in SURFACES:
         raise ValueError(f"surface must be one of {', '.join(SURFACES)}, not {surface!r}")
     if samples is not None and samples < 1:
@@ -114,48 +115,51 @@ def rendering_reference(
         raise RefractiveGlassError(f'Scene "{scene.name}" has no camera: add one (Add > Camera)')
     if glasses is None:
         glasses = read_glasses(scene_depsgraph(scene))
-    if any(glass.disperses and not glass.band for glass in glasses):
-        return (
-            yield from _dispersed(
-                scene,
-                glasses,
-                samples=samples,
-                seed=seed,
-                surface=surface,
-                glass_shadows=glass_shadows,
-                denoised=denoised,
-            )
-        )
+    rough = any(glass.is_mesh and glass.description.roughness > 0.0 for glass in glasses)
+
+    def drawing(glasses: Sequence[Glass]) -> Generator[Request, object, np.ndarray]:
+        with _reference_scene(scene) as reference, ExitStack() as temporary:
+            _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)
+            reference.cycles.use_denoising = denoised
+            style = _Style(surface, glass_shadows, rough, temporary)
+            yield from _show_glasses(reference, glasses, style)
+            return (yield from rendering_picture(reference))
+
+    if not any(glass.disperses and not glass.band for glass in glasses):
+        return (yield from drawing(glasses))
+    # Red, green and blue each of a picture with the glasses as such light finds them.
+    pictures = []
+    for band in optics.LINES:
+        pictures.append((yield from drawing([glass.in_light(band) for glass in glasses])))
+    channels = [picture[..., number] for number, picture in enumerate(pictures)]
+    return np.stack((*channels, np.mean([p[..., 3] for p in pictures], axis=0)), axis=-1)
+
+
+def _show_glasses(
+    reference: bpy.types.Scene, glasses: Sequence[Glass], style: _Style
+) -> Generator[Request, object, None]:
+    """Put the glasses into a reference's scene, those that overlap as one object."""
     closed, meshes = _objects(glasses)
-    rough = any(mesh.description.roughness > 0.0 for mesh in meshes.values())
-    style = _Style(surface, glass_shadows, rough)
-    with _reference_scene(scene) as reference, ExitStack() as temporary:
-        shells = near_shells(glasses)
-        together = (yield partial(overlapping, shells)) if shells else frozenset()
-        joint = [shell for shell in shells if shell.glass.name in together]
-        alone = [glass for glass in glasses if glass.name not in together]
-        shown = {obj: glass for obj, glass in meshes.items() if glass.name not in together}
-        for obj in (*closed, *(obj for obj in meshes if obj not in shown)):
-            _set(temporary, obj, "hide_render", True)
-        _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)
-        reference.cycles.use_denoising = denoised
-        materials: dict[tuple, bpy.types.Material] = {}
-        for obj, glass in shown.items():
-            _show_mesh(obj, glass, style, materials, temporary)
-        made = {
-            _glass_object(glass, style, materials, temporary): [glass.name]
-            for glass in alone
-            if not glass.is_mesh
-        }
-        if joint:
-            found = yield partial(interfaces, joint)
-            owners = [shell.glass for shell in joint]
-            made[_joint_object(owners, found, style, materials, temporary)] = list(together)
-        for obj, names in made.items():
-            obj.visible_shadow = obj.visible_diffuse = glass_shadows
-            reference.collection.objects.link(obj)
-            _receive_as(obj, names)
-        return (yield from rendering_picture(reference))
+    shells = near_shells(glasses)
+    together = (yield partial(overlapping, shells)) if shells else frozenset()
+    joint = [shell for shell in shells if shell.glass.name in together]
+    shown = {obj: glass for obj, glass in meshes.items() if glass.name not in together}
+    for obj in (*closed, *(obj for obj in meshes if obj not in shown)):
+        style.set(obj, "hide_render", True)
+    for obj, glass in shown.items():
+        _show_mesh(obj, glass, style)
+    made = {
+        _glass_object(glass, style): [glass.name]
+        for glass in glasses
+        if not (glass.is_mesh or glass.name in together)
+    }
+    if joint:
+        found = yield partial(interfaces, joint)
+        made[_joint_object([shell.glass for shell in joint], found, style)] = list(together)
+    for obj, names in made.items():
+        obj.visible_shadow = obj.visible_diffuse = style.shadows
+        reference.collection.objects.link(obj)
+        _receive_as(obj, names)
 
 
 def rendering_direct(scene: bpy.types.Scene) -> Generator[Request, object, np.ndarray]:
@@ -163,7 +167,8 @@ def rendering_direct(scene: bpy.types.Scene) -> Generator[Request, object, np.nd
     closed, meshes = _objects(read_glasses(scene_depsgraph(scene), []))
     with _reference_scene(scene) as direct, ExitStack() as temporary:
         for obj in (*closed, *meshes):
-            _set(temporary, obj, "hide_render", True)
+            temporary.callback(setattr, obj, "hide_render", obj.hide_render)
+            obj.hide_render = True
         return (yield from rendering_picture(direct))
 
 
@@ -176,12 +181,6 @@ def _objects(
     pairs = [(obj, glass) for obj, glass in pairs if obj is not None]
     closed = [obj for obj, glass in pairs if not glass.is_mesh]
     return closed, {obj: glass for obj, glass in pairs if obj not in closed}
-
-
-def _set(temporary: ExitStack, owner, name: str, value) -> None:
-    """Set a property until ``temporary`` ends."""
-    temporary.callback(setattr, owner, name, getattr(owner, name))
-    setattr(owner, name, value)
 
 
 def _receive_as(obj: bpy.types.Object, names: list[str]) -> None:
@@ -200,43 +199,22 @@ def _receive_as(obj: bpy.types.Object, names: list[str]) -> None:
             link.light_linking.link_state = "INCLUDE" if wanted else "EXCLUDE"
 
 
-def _show_mesh(
-    obj: bpy.types.Object,
-    glass: Glass,
-    style: _Style,
-    materials: dict[tuple, bpy.types.Material],
-    temporary: ExitStack,
-) -> None:
+def _show_mesh(obj: bpy.types.Object, glass: Glass, style: _Style) -> None:
     """Have a glass that is a mesh rendered as its own object, of the reference's material."""
     modifier = glass_modifier(obj)
     shown = read_input(modifier, "Show in Render")
-    temporary.callback(write_input, modifier, "Show in Render", shown)
+    style.temporary.callback(write_input, modifier, "Show in Render", shown)
     write_input(modifier, "Show in Render", True)
     absorption = glass.absorption if glass.is_tinted else (None, None)
-    kind = (glass.description.ior, *absorption, *_look(glass))
-    if kind not in materials:
-        materials[kind] = _glass_material(style, *kind)
-        temporary.callback(bpy.data.materials.remove, materials[kind])
+    material = style.material((glass.description.ior, *absorption, *_look(glass)))
     if not obj.material_slots:
-        obj.data.materials.append(materials[kind])
-        temporary.callback(obj.data.materials.pop)
+        obj.data.materials.append(material)
+        style.temporary.callback(obj.data.materials.pop)
     for slot in obj.material_slots:
-        _set(temporary, slot, "link", "OBJECT")
-        _set(temporary, slot, "material", materials[kind])
-    _set(temporary, obj, "visible_shadow", style.shadows)
-    _set(temporary, obj, "visible_diffuse", style.shadows)
-
-
-def _dispersed(
-    scene: bpy.types.Scene, glasses: Sequence[Glass], **settings
-) -> Generator[Request, object, np.ndarray]:
-    """Red, green and blue each of a picture with the glasses as such light finds them."""
-    pictures = []
-    for band in optics.LINES:
-        in_light = [glass.in_light(band) for glass in glasses]
-        pictures.append((yield from rendering_reference(scene, glasses=in_light, **settings)))
-    channels = [picture[..., number] for number, picture in enumerate(pictures)]
-    return np.stack((*channels, np.mean([p[..., 3] for p in pictures], axis=0)), axis=-1)
+        style.set(slot, "link", "OBJECT")
+        style.set(slot, "material", material)
+    style.set(obj, "visible_shadow", style.shadows)
+    style.set(obj, "visible_diffuse", style.shadows)
 
 
 def scene_depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
@@ -339,27 +317,16 @@ def _set_up_cycles(
     cycles.film_transparent_glass = reference.render.film_transparent
 
 
-def _glass_object(
-    glass: Glass,
-    style: _Style,
-    materials: dict[tuple, bpy.types.Material],
-    temporary: ExitStack,
-) -> bpy.types.Object:
-    """An object of the glass's interfaces; what it is made of is removed with ``temporary``."""
+def _glass_object(glass: Glass, style: _Style) -> bpy.types.Object:
+    """An object of the glass's interfaces."""
     surfaces = glass_surfaces(glass.description)
     kinds = [_kind(glass, interface) for interface in surfaces]
-    obj = _object_of(glass.name, surfaces, kinds, style, materials, temporary)
+    obj = _object_of(glass.name, surfaces, kinds, style)
     obj.matrix_world = Matrix(glass.to_world.tolist()) @ _shrunk(obj.data)
     return obj
 
 
-def _joint_object(
-    glasses: Sequence[Glass],
-    found: Interfaces,
-    style: _Style,
-    materials: dict[tuple, bpy.types.Material],
-    temporary: ExitStack,
-) -> bpy.types.Object:
+def _joint_object(glasses: Sequence[Glass], found: Interfaces, style: _Style) -> bpy.types.Object:
     """One object of all interfaces of glasses that overlap."""
     tinted = bool(found.absorption.any())
     rows = np.column_stack((found.glass, found.ior, found.absorption.reshape(-1, 6)))
@@ -381,7 +348,7 @@ def _joint_object(
         )
         sides = (tuple(absorption[:3]), tuple(absorption[3:])) if tinted else (None, None)
         kinds.append((ior, *sides, *_look(glass)))
-    obj = _object_of("Glasses", surfaces, kinds, style, materials, temporary)
+    obj = _object_of("Glasses", surfaces, kinds, style)
     obj.matrix_world = _shrunk(obj.data)
     return obj
 
@@ -393,35 +360,20 @@ def _look(glass: Glass) -> tuple[float, tuple[float, float, float]]:
 
 
 def _object_of(
-    name: str,
-    surfaces: Sequence[Surface],
-    kinds: Sequence[tuple],
-    style: _Style,
-    materials: dict[tuple, bpy.types.Material],
-    temporary: ExitStack,
+    name: str, surfaces: Sequence[Surface], kinds: Sequence[tuple], style: _Style
 ) -> bpy.types.Object:
-    """An object of surfaces, each of the material of its kind, see `_kind`."""
+    """An object of surfaces, each of the material of its kind; it goes with the reference."""
     mesh = bpy.data.meshes.new(f"{name} {REFERENCE}")
-    temporary.callback(bpy.data.meshes.remove, mesh)
+    style.temporary.callback(bpy.data.meshes.remove, mesh)
     mesh[TAG] = REFERENCE
     fill_mesh(mesh, surfaces)
-    slots: dict[tuple, int] = {}
-    for kind in kinds:
-        if kind not in materials:
-            materials[kind] = _glass_material(style, *kind)
-            temporary.callback(bpy.data.materials.remove, materials[kind])
-        if kind not in slots:
-            slots[kind] = len(slots)
-            mesh.materials.append(materials[kind])
-    index = np.concatenate(
-        [
-            np.full(len(interface.sizes), slots[kind], np.int32)
-            for interface, kind in zip(surfaces, kinds, strict=True)
-        ]
-    )
-    mesh.polygons.foreach_set("material_index", index)
+    slots = list(dict.fromkeys(kinds))
+    for kind in slots:
+        mesh.materials.append(style.material(kind))
+    index = np.repeat([slots.index(kind) for kind in kinds], [len(s.sizes) for s in surfaces])
+    mesh.polygons.foreach_set("material_index", index.astype(np.int32))
     obj = bpy.data.objects.new(mesh.name, mesh)
-    temporary.callback(bpy.data.objects.remove, obj)
+    style.temporary.callback(bpy.data.objects.remove, obj)
     obj[TAG] = REFERENCE
     return obj
 
@@ -448,16 +400,7 @@ def _kind(glass: Glass, surface: Surface) -> tuple:
     eta = surface.ior_inside / surface.ior_outside
     if not glass.is_tinted:
         return (eta, None, None)
-    if surface.media is not None:
-        return (eta, *(glass.absorption[medium] for medium in surface.media))
-    place, _, number = surface.name.rpartition(" ")
-    number = int(number)
-    if place in {"wall", "interface", "shell"}:
-        # All but the first look back into the medium behind them.
-        media = (0, 1) if number == 0 else (number + 1, number)
-    else:
-        media = (0, number + 1)
-    return (eta, *(glass.absorption[medium] for medium in media))
+    return (eta, *(glass.absorption[medium] for medium in surface.media))
 
 
 def _glass_material(

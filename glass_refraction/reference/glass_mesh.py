@@ -19,6 +19,7 @@ import numpy as np
 
 from ..optics import CylinderGlass, FlatGlass, SphereGlass
 from ..optics.axial import AxialGlass
+from ..optics.bodies import Tube
 from ..optics.surfaces import Cylinder, Plane, anticlockwise
 
 # Facets round a full circle. A chord misses its arc by r * (pi / segments)**2 / 2: 1.2e-6 r for the
@@ -44,8 +45,8 @@ class Surface:
     sizes : (F,) number of corners of each face; a face may be a concave polygon.
     normals : (C, 3) unit, the true surface's normal at each corner.
     ior_inside, ior_outside : the media behind the surface and on the side of its normals.
-    media : numbers of the media on the side of its normals and behind it, where the glass's
-        description numbers them.
+    media : numbers of the media on the side of its normals and behind it, in the description of
+        the one glass that it is of.
     """
 
     name: str
@@ -141,37 +142,28 @@ def _(glass: FlatGlass, _segments: int | None, reach: float) -> tuple[Surface, .
     heights = glass.heights
     surfaces = []
     for i, height in enumerate(heights):
-        face = _polygon(f"interface {i}", outline, height, glass.media[i + 1], glass.media[i])
+        face = _polygon(f"interface {i}", outline, height, glass.media, (i, i + 1))
         surfaces.append(face if i == 0 else face.flipped())
     if glass.outline is not None:
         for i, ior in enumerate(glass.ior):
             if ior != glass.ior_above:
-                surfaces.append(
-                    _sides(f"sides {i}", outline, heights[i : i + 2], ior, glass.ior_above)
-                )
+                layer = heights[i : i + 2]
+                surfaces.append(_sides(f"sides {i}", outline, layer, glass.media, (0, i + 1)))
     return tuple(surfaces)
 
 
 @_surfaces.register
 def _(glass: CylinderGlass, segments: int | None, reach: float) -> tuple[Surface, ...]:
-    """Walls from the outside in, then the upper and lower rim of each layer."""
-    z0, z1 = (-float(reach), float(reach)) if glass.extent is None else glass.extent
-    circle = _unit_circle(segments or CYLINDER_SEGMENTS)
-    surfaces = []
-    for i, radius in enumerate(glass.radius):
-        inside, outside = glass.media[i + 1], glass.media[i]
-        wall = _wall(f"wall {i}", circle, radius, (z0, z1), inside, outside)
-        surfaces.append(wall if i == 0 else wall.flipped())
-    if glass.extent is not None:
-        bounds = (*glass.radius, 0.0)
-        for i, ior in enumerate(glass.ior):
-            if ior != glass.ior_outside:
-                radii = bounds[i], bounds[i + 1]
-                upper = _rim(f"upper rim {i}", circle, radii, z1, ior, glass.ior_outside)
-                # A rim is made looking up, into the layer; turned over it looks out like the upper.
-                lower = _rim(f"lower rim {i}", circle, radii, z0, glass.ior_outside, ior)
-                surfaces += [upper, lower.flipped()]
-    return tuple(surfaces)
+    """Those of its body, turned to the surroundings; without ends it has no rims."""
+    tube = Tube(glass if glass.extent is not None else replace(glass, extent=(-reach, reach)))
+    core, found = f"wall {len(glass.ior) - 1}", []
+    for surface in _surfaces(tube, segments, reach):
+        if surface.name == core:
+            # The body takes an open core for the surroundings, be it coloured.
+            surface = replace(surface, media=(surface.media[0], len(glass.ior)))
+        if glass.extent is not None or surface.name.startswith("wall"):
+            found.append(surface.flipped() if surface.media[0] else surface)
+    return tuple(found)
 
 
 @_surfaces.register
@@ -188,6 +180,7 @@ def _(glass: SphereGlass, segments: int | None, _reach: float) -> tuple[Surface,
             normals=directions[corners.ravel()],
             ior_inside=glass.media[i + 1],
             ior_outside=glass.media[i],
+            media=(i, i + 1),
         )
         surfaces.append(shell if i == 0 else shell.flipped())
     return tuple(surfaces)
@@ -200,7 +193,9 @@ def _(glass: AxialGlass, segments: int | None, _reach: float) -> tuple[Surface, 
     segments = segments or (CYLINDER_SEGMENTS if straight else PROFILE_SEGMENTS)
     circle = _unit_circle(segments)
     facet = 2 * np.pi * glass.scale / segments
-    outlines = glass.outlines(FACET_ASPECT * facet if straight else facet)
+    _, low, high = glass.hull
+    longest = max(FACET_ASPECT * facet, (high - low) * glass.scale / MAX_BANDS)
+    outlines = glass.outlines(longest if straight else facet)
     surfaces = []
     for interface in glass.interfaces:
         if interface.name in outlines:
@@ -264,9 +259,13 @@ def _lathed(
 
 
 def _polygon(
-    name: str, outline: np.ndarray, height: float, ior_below: float, ior_above: float
+    name: str,
+    outline: np.ndarray,
+    height: float,
+    iors: tuple[float, ...],
+    media: tuple[int, int],
 ) -> Surface:
-    """The polygon (K, 2) at z = height as one face that looks up."""
+    """The polygon (K, 2) at z = height as one face that looks up; of its media first that above."""
     count = len(outline)
     return Surface(
         name=name,
@@ -274,13 +273,18 @@ def _polygon(
         corners=np.arange(count),
         sizes=np.array([count]),
         normals=np.tile((0.0, 0.0, 1.0), (count, 1)),
-        ior_inside=ior_below,
-        ior_outside=ior_above,
+        ior_inside=iors[media[1]],
+        ior_outside=iors[media[0]],
+        media=media,
     )
 
 
 def _sides(
-    name: str, outline: np.ndarray, heights: np.ndarray, ior_inside: float, ior_outside: float
+    name: str,
+    outline: np.ndarray,
+    heights: np.ndarray,
+    iors: tuple[float, ...],
+    media: tuple[int, int],
 ) -> Surface:
     """The side faces under the polygon (K, 2) between two heights, upper first; flat, outward."""
     count = len(outline)
@@ -297,66 +301,9 @@ def _sides(
         corners=np.arange(4 * count),
         sizes=np.full(count, 4),
         normals=np.repeat(outward, 4, axis=0),
-        ior_inside=ior_inside,
-        ior_outside=ior_outside,
-    )
-
-
-def _wall(
-    name: str,
-    circle: np.ndarray,
-    radius: float,
-    extent: tuple[float, float],
-    ior_inside: float,
-    ior_outside: float,
-) -> Surface:
-    """A cylinder's wall between two heights, its normals away from the axis."""
-    count = len(circle)
-    longest = FACET_ASPECT * radius * 2 * np.pi / count
-    bands = min(MAX_BANDS, int(np.ceil((extent[1] - extent[0]) / longest)))
-    heights = np.linspace(*extent, bands + 1)
-    corners = (np.arange(bands)[:, None, None] * count + _band(count)).ravel()
-    return Surface(
-        name=name,
-        vertices=np.column_stack(
-            (np.tile(radius * circle, (bands + 1, 1)), np.repeat(heights, count))
-        ),
-        corners=corners,
-        sizes=np.full(bands * count, 4),
-        normals=np.column_stack((circle, np.zeros(count)))[corners % count],
-        ior_inside=ior_inside,
-        ior_outside=ior_outside,
-    )
-
-
-def _rim(
-    name: str,
-    circle: np.ndarray,
-    radii: tuple[float, float],
-    height: float,
-    ior_below: float,
-    ior_above: float,
-) -> Surface:
-    """The ring between two radii, outer first, at z = height, looking up; inner 0: a disc."""
-    count = len(circle)
-    outer, inner = radii
-    ring = np.column_stack((outer * circle, np.full(count, height)))
-    if inner > 0:
-        vertices = np.concatenate((ring, np.column_stack((inner * circle, np.full(count, height)))))
-        corners, size = _band(count), 4
-    else:
-        vertices = np.concatenate((ring, [(0.0, 0.0, height)]))
-        here = np.arange(count)
-        corners = np.column_stack((here, np.roll(here, -1), np.full(count, count)))
-        size = 3
-    return Surface(
-        name=name,
-        vertices=vertices,
-        corners=corners.ravel(),
-        sizes=np.full(count, size),
-        normals=np.tile((0.0, 0.0, 1.0), (corners.size, 1)),
-        ior_inside=ior_below,
-        ior_outside=ior_above,
+        ior_inside=iors[media[1]],
+        ior_outside=iors[media[0]],
+        media=media,
     )
 
 

@@ -42,19 +42,13 @@ from .read.modifier_inputs import write_input
 from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
 from .vertices import displaced
-from .vertices.displaced import MAX_TOLERANCE_PX
-from .vertices.kept_paths import kept_paths
 
 __all__ = [
-    "MAX_TOLERANCE_PX",
     "Status",
-    "Step",
     "counters",
-    "effective_shading",
     "finished",
     "forget",
     "free_leftovers",
-    "kept_paths",
     "memory_of",
     "prepare",
     "remove",
@@ -63,11 +57,6 @@ __all__ = [
     "updating",
     "withdraw",
 ]
-
-
-def effective_shading(scene: bpy.types.Scene) -> str:
-    """``TRUE`` or ``DISPLACED``, as it takes effect in the scene."""
-    return scene.refractive_glass.shading
 
 
 def prepare(
@@ -90,27 +79,16 @@ def prepare(
         No camera, a camera or a glass that cannot be computed; nothing is changed then.
     """
     if is_held(scene):
-        status(scene).problems = bake_problems(scene, effective_shading(scene))
+        status(scene).problems = bake_problems(scene)
         return
     _check_scene(scene)
     view_layer = rendered_layer(scene)
-    problems: list[str] = []
+    problems = _uncomputed(scene, depsgraph)
     placed = glass_objects(view_layer, ever=True)
     instanced = instanced_glasses(view_layer)
-    for host, glass in merged_glasses(scene, depsgraph):
-        problems.append(
-            f'Geometry Nodes of "{host.name}" merge glass "{glass.name}" into its mesh, where it '
-            "is no glass: switch on As Instance in Object Info, and realize no instances"
-        )
-    for other in shown_scenes(scene):
-        if other.refractive_glass.enabled and all_glasses(rendered_layer(other)):
-            problems.append(
-                f'Scene "{scene.name}" shows the layers of scene "{other.name}", whose glasses are '
-                "computed where it is rendered itself only: render it to a file, and show that by "
-                "an Image node"
-            )
     glasses = _editable(placed, problems)
-    if effective_shading(scene) == "TRUE":
+    is_true = scene.refractive_glass.shading == "TRUE"
+    if is_true:
         glasses += _editable(instanced, problems)
     else:
         for obj in instanced:
@@ -137,7 +115,7 @@ def prepare(
         raise RefractiveGlassError(
             f'The compositor tree of scene "{scene.name}" has no Render Layers node of it: add one'
         )
-    if effective_shading(scene) == "TRUE":
+    if is_true:
         if find_own_scenes(scene, displaced.ROLES):
             displaced.remove(scene)
         true.prepare(scene)
@@ -184,6 +162,23 @@ def _check_scene(scene: bpy.types.Scene) -> None:
             f'Scene "{scene.name}" renders a single layer, which leaves out the compositor: switch '
             "off Render Single Layer (View Layer Properties)"
         )
+
+
+def _uncomputed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> list[str]:
+    """A line for each glass that the scene takes into something else, where nobody computes it."""
+    found = [
+        f'Geometry Nodes of "{host.name}" merge glass "{glass.name}" into its mesh, where it is no '
+        "glass: switch on As Instance in Object Info, and realize no instances"
+        for host, glass in merged_glasses(scene, depsgraph)
+    ]
+    found += [
+        f'Scene "{scene.name}" shows the layers of scene "{other.name}", whose glasses are '
+        "computed where it is rendered itself only: render it to a file, and show that by an Image "
+        "node"
+        for other in shown_scenes(scene)
+        if other.refractive_glass.enabled and all_glasses(rendered_layer(other))
+    ]
+    return found
 
 
 def _editable(glasses: list[bpy.types.Object], problems: list[str]) -> list[bpy.types.Object]:
@@ -311,7 +306,7 @@ def updating(
         return memory.status
     view = read_viewpoint(scene, depsgraph)
     is_render = depsgraph.mode == "RENDER"
-    if effective_shading(scene) == "TRUE":
+    if scene.refractive_glass.shading == "TRUE":
         # Of use to renders alone; 3D views follow rays in their own way.
         return true.update(scene, depsgraph, view) if is_render else memory.status
     # Renders send no update notifications, so nothing may be taken to be as it was.

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import shutil
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -134,17 +133,10 @@ class RefractiveGlassPreferences(bpy.types.AddonPreferences):
         column.operator(chosen.bl_idname, icon="ASSET_MANAGER")
 
 
-def preferences(context: bpy.types.Context) -> RefractiveGlassPreferences | _Defaults:
-    """The extension's preferences; the defaults where it is not installed as one."""
+def shows_first_glass(context: bpy.types.Context) -> bool:
+    """The setting of that name; its default where the extension is not installed as one."""
     addon = context.preferences.addons.get(_PACKAGE)
-    return _Defaults() if addon is None or addon.preferences is None else addon.preferences
-
-
-@dataclass(frozen=True)
-class _Defaults:
-    """What :class:`RefractiveGlassPreferences` holds where nobody has changed it."""
-
-    show_first_glass: bool = True
+    return addon is None or addon.preferences is None or addon.preferences.show_first_glass
 
 
 _register, _unregister = bpy.utils.register_classes_factory(

@@ -55,8 +55,16 @@ FORMS = (
     ("LENS", "Lens", "Solid, with two curved faces; its axis is upright"),
 )
 
-HIGH = {"CYLINDER", "ROD", "TUMBLER"}
-"""Shapes that have a height."""
+SIZES = {
+    "SLAB": ("wall_thickness",),
+    "CYLINDER": ("radius", "wall_thickness", "height"),
+    "ROD": ("radius", "height"),
+    "SPHERE": ("radius", "wall_thickness"),
+    "TUMBLER": ("radius", "wall_thickness", "height", "bottom_thickness"),
+    "REVOLUTION": (),
+    "MESH": (),
+}
+"""The lengths that a shape has."""
 WITHOUT_CONTENTS = {"ROD", "MESH"}
 """Shapes that hold nothing of their own."""
 
@@ -161,26 +169,18 @@ class GlassProperties:
 
     def problem(self) -> str | None:
         """What is wrong with the values, as one line, or None."""
-        lengths = {}
         turned = self.shape == "REVOLUTION"
-        has_size = self.shape not in {"REVOLUTION", "MESH"}
         curve = bpy.data.objects.get(self.profile)
         if turned and self.profile and (curve is None or curve.type != "CURVE"):
             return _rpt('"{}" is no curve object: choose one as the profile').format(self.profile)
-        if has_size and (self.shape != "SLAB" or self.makes_outline):
-            lengths["Radius"] = self.radius
-        if has_size and self.shape != "ROD":
-            lengths["Wall thickness"] = self.wall_thickness
-        if self.shape in HIGH or (turned and self._own_height is not None):
-            lengths["Height"] = self.height
-        if self.shape == "TUMBLER":
-            lengths["Bottom thickness"] = self.bottom_thickness
-        for name, value in lengths.items():
-            solid = self.shape == "SPHERE" and name == "Wall thickness" and value == 0
+        own_height = turned and self._own_height is not None
+        for name in (*self._lengths, "height") if own_height else self._lengths:
+            value = getattr(self, name)
+            solid = self.shape == "SPHERE" and name == "wall_thickness" and value == 0
             if not (MIN_LENGTH <= value <= MAX_LENGTH) and not solid:
-                return _rpt("{} is {:g} m: give a length between {:g} and {:g} m").format(
-                    _rpt(name), value, MIN_LENGTH, MAX_LENGTH
-                )
+                label = _rpt(name.replace("_", " ").capitalize())
+                said = _rpt("{} is {:g} m: give a length between {:g} and {:g} m")
+                return said.format(label, value, MIN_LENGTH, MAX_LENGTH)
         iors = {"IOR": self.ior}
         if self.shape not in WITHOUT_CONTENTS:
             iors["Contents IOR"] = self.contents_ior
@@ -198,6 +198,12 @@ class GlassProperties:
                 self.bottom_thickness, self.height
             )
         return None
+
+    @property
+    def _lengths(self) -> tuple[str, ...]:
+        """The lengths that are asked for."""
+        outline = ("radius",) if self.shape == "SLAB" and self.makes_outline else ()
+        return outline + SIZES[self.shape]
 
     @property
     def _own_height(self) -> float | None:
@@ -245,21 +251,14 @@ class GlassProperties:
         layout.use_property_decorate = False
         layout.prop(self, "shape")
         column = layout.column(align=True)
-        has_size = self.shape not in {"REVOLUTION", "MESH"}
         if self.shape == "REVOLUTION":
             column.prop_search(self, "profile", bpy.data, "objects")
             if not self.profile:
                 column.prop(self, "form")
                 column.prop(self, "height")
-            column.prop(self, "liquid_level")
-        elif has_size and (self.shape != "SLAB" or self.makes_outline):
-            column.prop(self, "radius")
-        if has_size and self.shape != "ROD":
-            column.prop(self, "wall_thickness")
-        if self.shape in HIGH:
-            column.prop(self, "height")
-        if self.shape == "TUMBLER":
-            column.prop(self, "bottom_thickness")
+        for name in self._lengths:
+            column.prop(self, name)
+        if self.shape in {"REVOLUTION", "TUMBLER"}:
             column.prop(self, "liquid_level")
         self._draw_medium("medium", "ior", "Medium")
         if self.shape not in WITHOUT_CONTENTS:

@@ -8,7 +8,7 @@ import bpy
 from ..scene.read.glasses import glass_objects
 from ..viewport import views
 from . import staying
-from .asset_library import preferences
+from .asset_library import shows_first_glass
 from .lines import draw_lines
 
 
@@ -34,7 +34,7 @@ def show_first_glass(context: bpy.types.Context) -> None:
     The preferences may say not to.
     """
     space = _space(context)
-    if space is None or not preferences(context).show_first_glass:
+    if space is None or not shows_first_glass(context):
         return
     if len(glass_objects(context.view_layer)) == 1:
         views.show(space, True)

@@ -21,20 +21,17 @@ from .compare import SCENE_OT_refractive_glass_compare
 from .lines import draw_lines
 from .menus import VIEW3D_MT_refractive_glass_add
 from .operators import (
+    SIZES,
     OBJECT_OT_refractive_glass_modifier_add,
     OBJECT_OT_refractive_glass_turn_normals,
     SCENE_OT_refractive_glass_update,
 )
 
 _SIZES = {
-    "Slab": ("Wall Thickness",),
-    "Cylinder": ("Radius", "Wall Thickness", "Height"),
-    "Rod": ("Radius", "Height"),
-    "Sphere": ("Radius", "Wall Thickness"),
-    "Tumbler": ("Radius", "Wall Thickness", "Height", "Bottom Thickness"),
-    "Revolution": ("Profile",),
-    "Mesh": (),
-}
+    shape.title(): tuple(name.replace("_", " ").title() for name in names)
+    for shape, names in SIZES.items()
+} | {"Revolution": ("Profile",)}
+"""Shape -> the inputs that say how large it is."""
 _CONTENTS = {
     "Slab": "Behind",
     "Cylinder": "Contents",
@@ -395,14 +392,12 @@ class _Sidebar(staying.StayingPanel):
 class OBJECT_PT_refractive_glass(_Glass, _Properties, bpy.types.Panel):
     """In the object properties"""
 
-    bl_idname = "OBJECT_PT_refractive_glass"
     bl_context = "object"
 
 
 class MODIFIER_PT_refractive_glass(_Glass, _Properties, bpy.types.Panel):
     """In the modifier properties"""
 
-    bl_idname = "MODIFIER_PT_refractive_glass"
     bl_options = {"DEFAULT_CLOSED"}
     bl_context = "modifier"
 
@@ -410,7 +405,6 @@ class MODIFIER_PT_refractive_glass(_Glass, _Properties, bpy.types.Panel):
 class VIEW3D_PT_refractive_glass_object(_Glass, _Sidebar, bpy.types.Panel):
     """In the 3D view's sidebar; where the active object is no glass, the ways to one"""
 
-    bl_idname = "VIEW3D_PT_refractive_glass_object"
     bl_label = "Glass"
 
     @classmethod
@@ -431,30 +425,26 @@ class VIEW3D_PT_refractive_glass_object(_Glass, _Sidebar, bpy.types.Panel):
 class RENDER_PT_refractive_glass(_Scene, _Properties, bpy.types.Panel):
     """In the render properties"""
 
-    bl_idname = "RENDER_PT_refractive_glass"
     bl_context = "render"
 
 
 class RENDER_PT_refractive_glass_status(_Status, _Properties, bpy.types.Panel):
     """In the render properties"""
 
-    bl_idname = "RENDER_PT_refractive_glass_status"
-    bl_parent_id = RENDER_PT_refractive_glass.bl_idname
+    bl_parent_id = RENDER_PT_refractive_glass.__name__
     bl_context = "render"
 
 
 class RENDER_PT_refractive_glass_bake(_Bake, _Properties, bpy.types.Panel):
     """In the render properties"""
 
-    bl_idname = "RENDER_PT_refractive_glass_bake"
-    bl_parent_id = RENDER_PT_refractive_glass.bl_idname
+    bl_parent_id = RENDER_PT_refractive_glass.__name__
     bl_context = "render"
 
 
 class VIEW3D_PT_refractive_glass(_Scene, _Sidebar, bpy.types.Panel):
     """In the 3D view's sidebar"""
 
-    bl_idname = "VIEW3D_PT_refractive_glass"
     bl_label = "Scene"
     bl_options = set()
 
@@ -462,15 +452,13 @@ class VIEW3D_PT_refractive_glass(_Scene, _Sidebar, bpy.types.Panel):
 class VIEW3D_PT_refractive_glass_status(_Status, _Sidebar, bpy.types.Panel):
     """In the 3D view's sidebar"""
 
-    bl_idname = "VIEW3D_PT_refractive_glass_status"
-    bl_parent_id = VIEW3D_PT_refractive_glass.bl_idname
+    bl_parent_id = VIEW3D_PT_refractive_glass.__name__
 
 
 class VIEW3D_PT_refractive_glass_bake(_Bake, _Sidebar, bpy.types.Panel):
     """In the 3D view's sidebar"""
 
-    bl_idname = "VIEW3D_PT_refractive_glass_bake"
-    bl_parent_id = VIEW3D_PT_refractive_glass.bl_idname
+    bl_parent_id = VIEW3D_PT_refractive_glass.__name__
 
 
 CLASSES = (

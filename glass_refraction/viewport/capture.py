@@ -26,7 +26,7 @@ from ..scene.changes import put_back
 from .description import Frame, Posed
 from .eye import CAPTURES
 from .jobs import amends_depths, draws_off_screen, is_compiling
-from .paint import _quad, _shader
+from .paint import _shader, filling
 from .wires import Wires
 
 FACES = 6
@@ -344,17 +344,13 @@ class Captures:
         self, number: int, face: int, depth, wire_depth, near: float, far: float, amended: bool
     ) -> None:
         side = self.side
-        shader = _shader("face")
         texture = gpu.types.GPUTexture((side, side), format="R32F", data=depth)
         width, height = (FACES + 1) * side, len(self.centres) * side
         x, y = face * side, number * side
         low = 2.0 * x / width - 1.0, 2.0 * y / height - 1.0
         high = 2.0 * (x + side) / width - 1.0, 2.0 * (y + side) / height - 1.0
-        with self._atlas[2].bind():
-            gpu.state.viewport_set(0, 0, width, height)
-            gpu.state.depth_test_set("NONE")
-            gpu.state.blend_set("NONE")
-            shader.bind()
+        box = (*low, *high)
+        with filling(self._atlas[2], (width, height), _shader("face"), (box,)) as shader:
             shader.uniform_sampler("face_tx", self._face.texture_color)
             shader.uniform_sampler("depth_tx", texture)
             shader.uniform_sampler("wire_tx", wire_depth)
@@ -362,8 +358,6 @@ class Captures:
             shader.uniform_float("least", 1.0)
             shader.uniform_int("origin", (x, y))
             shader.uniform_int("amended", int(amended))
-            shader.uniform_float("box", (*low, *high))
-            _quad().draw(shader)
 
 
 @contextmanager

@@ -18,9 +18,9 @@ import numpy as np
 
 from ..scene.read.viewpoint import Viewpoint
 from . import glsl, vertex_glsl
-from .bending import SLAB, TUBE, Bending, ByRays, bending
+from .bending import TUBE, Bending, ByRays, bending
 from .description import Frame, Posed
-from .paint import DESCRIPTIONS, _uniform
+from .paint import DESCRIPTIONS, _uniform, compiled
 from .shaders import kept
 from .things import Placed, Things
 from .vertex_glsl import MOST_DRAWN
@@ -199,31 +199,16 @@ def _raster(view: tuple[int, int], size: tuple[int, int], jitter, divisor: float
 def picture_shader():
     """The ray shader that takes what was drawn displaced."""
     if "displaced" not in kept:
-        info = gpu.types.GPUShaderCreateInfo()
-        info.vertex_in(0, "VEC2", "corner")
-        known = DESCRIPTIONS["picture"]
-        for kind, name in known["constants"]:
-            info.push_constant(kind, name)
-        info.typedef_source(glsl.BLOCKS + vertex_glsl.BLOCKS)
-        info.uniform_buf(0, "Glasses", "glasses")
-        info.uniform_buf(1, "View", "view")
-        info.uniform_buf(2, "Drawn", "drawn")
-        for slot, name in enumerate(known["samplers"]):
-            info.sampler(slot, "FLOAT_2D", name)
-        info.sampler(len(known["samplers"]), "FLOAT_2D_ARRAY", "drawn_tx")
-        for slot, name in enumerate(known["outputs"]):
-            info.fragment_out(slot, "VEC4", name)
-        info.vertex_source(glsl.QUAD_VERTEX)
-        info.fragment_source(vertex_glsl.PICTURE)
-        kept["displaced"] = gpu.shader.create_from_info(info)
+        known = DESCRIPTIONS["picture"] | {"fragment": vertex_glsl.PICTURE}
+        kept["displaced"] = compiled(**known, drawn=vertex_glsl.BLOCKS)
     return kept["displaced"]
 
 
-def things_shader(kind: int, plain: bool = False):
-    """The shader of things behind a glass of a kind; `plain`: where they are, for comparison."""
-    if (kind, plain) not in kept:
+def things_shader(kind: int, vertex: str = vertex_glsl.VERTEX):
+    """The shader of things behind a glass of a kind, by default drawn where they appear."""
+    if (kind, vertex) not in kept:
         info = gpu.types.GPUShaderCreateInfo()
-        face = gpu.types.GPUStageInterfaceInfo(f"displaced_{kind}_{int(plain)}")
+        face = gpu.types.GPUStageInterfaceInfo(f"displaced_{kind}")
         face.smooth("VEC3", "at")
         face.smooth("FLOAT", "miss")
         info.define("KIND", str(kind))
@@ -240,61 +225,7 @@ def things_shader(kind: int, plain: bool = False):
         info.vertex_in(0, "VEC3", "pos")
         info.vertex_out(face)
         info.fragment_out(0, "VEC4", "frag")
-        info.vertex_source(vertex_glsl.PLAIN_VERTEX if plain else vertex_glsl.VERTEX)
+        info.vertex_source(vertex)
         info.fragment_source(vertex_glsl.COLOUR)
-        kept[kind, plain] = gpu.shader.create_from_info(info)
-    return kept[kind, plain]
-
-
-def apparent_points(
-    one: Bending, block: np.ndarray, points: np.ndarray, held: bool, to_world: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where points appear as the vertex shader finds it, for tests; needs a GPU context.
-
-    Parameters
-    ----------
-    block : see `Bending.block`. points : (N, 3), of a mesh that ``to_world`` (4, 4) places.
-
-    Returns
-    -------
-    places, ways, misses : (N, 2) in the picture, -1 to 1; (N,) lengths of the light path in units
-        of the glass; (N,) by how much the ray that was found misses the point.
-    """
-    side = int(np.ceil(np.sqrt(len(points))))
-    info = gpu.types.GPUShaderCreateInfo()
-    face = gpu.types.GPUStageInterfaceInfo(f"apparent_{one.kind}_{side}")
-    face.flat("VEC3", "at")
-    face.flat("FLOAT", "miss")
-    info.define("KIND", str(one.kind))
-    info.define("COLUMNS", str(side))
-    info.push_constant("MAT4", "place")
-    info.push_constant("INT", "held")
-    info.typedef_source(vertex_glsl.BLOCKS)
-    info.uniform_buf(0, "Bend", "bend")
-    info.vertex_in(0, "VEC3", "pos")
-    info.vertex_out(face)
-    info.fragment_out(0, "VEC4", "frag")
-    info.vertex_source(vertex_glsl.POINTS_VERTEX)
-    info.fragment_source(vertex_glsl.POINTS_FRAGMENT)
-    shader = gpu.shader.create_from_info(info)
-    layout = gpu.types.GPUVertFormat()
-    layout.attr_add(id="pos", comp_type="F32", len=3, fetch_mode="FLOAT")
-    vertices = gpu.types.GPUVertBuf(layout, len(points))
-    vertices.attr_fill("pos", np.ascontiguousarray(points, np.float32))
-    texture = gpu.types.GPUTexture((side, side), format="RGBA32F")
-    target = gpu.types.GPUFrameBuffer(color_slots=[texture])
-    buffer = _uniform(block)
-    with target.bind():
-        target.clear(color=(0.0, 0.0, 0.0, 0.0))
-        gpu.state.viewport_set(0, 0, side, side)
-        gpu.state.depth_test_set("NONE")
-        gpu.state.blend_set("NONE")
-        shader.bind()
-        shader.uniform_block("bend", buffer)
-        shader.uniform_float("place", (one.from_world @ to_world).T.ravel().tolist())
-        if one.kind != SLAB:
-            shader.uniform_int("held", int(held))
-        gpu.types.GPUBatch(type="POINTS", buf=vertices).draw(shader)
-        found = np.asarray(target.read_color(0, 0, side, side, 4, 0, "FLOAT"))
-    found = found.reshape(-1, 4)[: len(points)]
-    return found[:, :2], found[:, 2], found[:, 3]
+        kept[kind, vertex] = gpu.shader.create_from_info(info)
+    return kept[kind, vertex]

@@ -120,27 +120,6 @@ PICTURE = HOOKS + SMOOTH + FOLLOW + LOOKUP + MAIN
 # For tests: the depth that counts for places between pixels, and that of an edge to their left.
 BETWEEN = HOOKS + SMOOTH + FOLLOW + LOOKUP + source("between")
 
-EXITS_AT_ONCE = 3
-"""Ways of which `EXITS` writes the exit rays, two textures each: Blender draws into six at once."""
-
-_EXITS_OUT = "\n".join(
-    f"  place_{k} = exit_places[{k}];\n  along_{k} = exit_alongs[{k}];"
-    for k in range(EXITS_AT_ONCE)
-)
-
-EXITS = (
-    HOOKS
-    + FOLLOW
-    + f"""
-#define AT_ONCE {EXITS_AT_ONCE}
-"""
-    + source("exits")
-    + _EXITS_OUT
-    + """
-}
-"""
-)
-
 QUAD_VERTEX = """
 void main()
 {

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import gpu
@@ -105,9 +106,9 @@ class Direct:
         self.raw = gpu.types.GPUTexture(view.size, format="R32F", data=depth)
         self.line, self.least = common_line(view, frame), least_depth(view, frame)
         self.wire_depth = self.wires.draw(view.projection @ view.to_camera, view.size, nearer)
-        self._fill(self._to_depth, "depth", view.size, amended)
-        columns, rows = size = self.tiles.width, self.tiles.height
-        self._fill(self._to_tiles, "tiles", size)
+        self._take_depths(self._to_depth, amended)
+        columns, rows = self.tiles.width, self.tiles.height
+        self._take_tiles(self._to_tiles, (columns, rows))
         with self._to_tiles.bind():
             read = self._to_tiles.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
         began = time.thread_time()
@@ -158,36 +159,41 @@ class Direct:
             self._mark_steps(pixel_width(view, frame))
 
     def _mark_steps(self, width: tuple[float, float]) -> None:
-        shader = _shader("steps")
-        with self._to_stepped.bind():
-            gpu.state.viewport_set(0, 0, *self.size)
-            gpu.state.depth_test_set("NONE")
-            gpu.state.blend_set("NONE")
-            shader.bind()
+        with filling(self._to_stepped, self.size, _shader("steps")) as shader:
             shader.uniform_sampler("depth_tx", self._plain)
             shader.uniform_float("width", width)
-            shader.uniform_float("box", WHOLE)
-            _quad().draw(shader)
         self.depth = self._stepped
 
-    def _fill(self, target, name: str, size: tuple[int, int], amended: bool = False) -> None:
-        """Fill a texture: "depth" by the depth buffer's values, "tiles" by depths."""
-        shader = _shader(name)
-        with target.bind():
-            gpu.state.viewport_set(0, 0, *size)
-            gpu.state.depth_test_set("NONE")
-            gpu.state.blend_set("NONE")
-            shader.bind()
-            if name == "depth":
-                shader.uniform_sampler("raw_tx", self.raw)
-                shader.uniform_sampler("wire_tx", self.wire_depth)
-                shader.uniform_float("line", self.line)
-                shader.uniform_float("least", self.least)
-                shader.uniform_int("amended", int(amended))
-            else:
-                shader.uniform_sampler("depth_tx", self._plain)
-            shader.uniform_float("box", WHOLE)
+    def _take_depths(self, target, amended: bool) -> None:
+        """Fill a texture by what the depth buffer's values mean."""
+        with filling(target, self.size, _shader("depth")) as shader:
+            shader.uniform_sampler("raw_tx", self.raw)
+            shader.uniform_sampler("wire_tx", self.wire_depth)
+            shader.uniform_float("line", self.line)
+            shader.uniform_float("least", self.least)
+            shader.uniform_int("amended", int(amended))
+
+    def _take_tiles(self, target, size: tuple[int, int]) -> None:
+        """Fill a texture by the depths of tiles."""
+        with filling(target, size, _shader("tiles")) as shader:
+            shader.uniform_sampler("depth_tx", self._plain)
+
+
+@contextmanager
+def filling(
+    target, size: tuple[int, int], shader, boxes: Sequence[tuple] = (WHOLE,), blend: str = "NONE"
+) -> Iterator:
+    """Have a shader, which is to be given its other uniforms, draw boxes into a target."""
+    with target.bind():
+        gpu.state.viewport_set(0, 0, *size)
+        gpu.state.depth_test_set("NONE")
+        gpu.state.blend_set(blend)
+        shader.bind()
+        yield shader
+        for box in boxes:
+            shader.uniform_float("box", box)
             _quad().draw(shader)
+        gpu.state.blend_set("NONE")
 
 
 def _between(size: int) -> list[int]:
@@ -347,17 +353,10 @@ class Painter:
         if self._marks is None or (self._marks[0].width, self._marks[0].height) != first.size:
             self._marks = _target(first.size, "R32F")
         target = self._marks[1]
-        shader = _shader("edges")
-        with target.bind():
-            gpu.state.viewport_set(0, 0, width, height)
+        with filling(target, first.size, _shader("edges"), self._rects) as shader:
             target.clear(color=(0.0, 0.0, 0.0, 0.0))
-            gpu.state.depth_test_set("NONE")
-            gpu.state.blend_set("NONE")
-            shader.bind()
             shader.uniform_sampler("first_tx", first.colour)
-            for rect in self._rects:
-                shader.uniform_float("box", rect)
-                _quad().draw(shader)
+        with target.bind():
             marks = np.asarray(target.read_color(0, 0, width, height, 1, 0, "FLOAT"))
         y, x = np.nonzero(marks.reshape(height, width) > 0.0)
         # Neighbours stay neighbours: drivers draw blocks of pixels at once.
@@ -405,19 +404,11 @@ class Painter:
     def add(self, number: int) -> None:
         """Add the samples of a layer that has some pixels only to the one that it was made of."""
         other, one = self._layers[number], self._of
-        shader = _shader("sum")
-        with one.target.bind():
-            gpu.state.viewport_set(0, 0, *one.size)
-            gpu.state.depth_test_set("NONE")
-            gpu.state.blend_set("ADDITIVE_PREMULT")
-            shader.bind()
+        drawing = filling(one.target, one.size, _shader("sum"), self._rects, "ADDITIVE_PREMULT")
+        with drawing as shader:
             shader.uniform_sampler("more_color_tx", other.colour)
             shader.uniform_sampler("more_cover_tx", other.cover)
             shader.uniform_sampler("place_tx", other.places)
-            for rect in self._rects:
-                shader.uniform_float("box", rect)
-                _quad().draw(shader)
-            gpu.state.blend_set("NONE")
 
     @property
     def divisor(self) -> float:
@@ -662,65 +653,6 @@ def mesh_texture(trees: Sequence[Tree]):
     return _texture(filled.reshape(rows, width, 4), "RGBA32F")
 
 
-def exit_rays(
-    block: np.ndarray,
-    origins: np.ndarray,
-    directions: np.ndarray,
-    least: float,
-    ways: int,
-    trees: Sequence[Tree] = (),
-):
-    """Exit rays as the shader finds them, for tests; needs a GPU context.
-
-    Parameters
-    ----------
-    block, trees : see `description.pack` and `description.trees_of`.
-    origins, directions : (rows, columns, 3), common frame.
-    ways : how many to return of each ray.
-
-    Returns
-    -------
-    places, alongs : (ways, rows, columns, 4): origin and part of the light, which is 0 where the
-        ray has no such way; direction.
-    """
-    rows, columns, _ = origins.shape
-    size = (columns, rows)
-    inputs = []
-    for values in (origins, directions):
-        filled = np.ones((rows, columns, 4), np.float32)
-        filled[..., :3] = values
-        inputs.append(_texture(filled, "RGBA32F"))
-    outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2 * glsl.EXITS_AT_ONCE)]
-    target = gpu.types.GPUFrameBuffer(color_slots=outputs)
-    shader, glasses = _shader("exits_of_meshes" if trees else "exits"), _uniform(block)
-    mesh = mesh_texture(trees) if trees else None
-    found = np.zeros((2, ways, rows, columns, 4), np.float32)
-    for first in range(0, ways, glsl.EXITS_AT_ONCE):
-        count = min(glsl.EXITS_AT_ONCE, ways - first)
-        with target.bind():
-            gpu.state.viewport_set(0, 0, *size)
-            gpu.state.depth_test_set("NONE")
-            gpu.state.blend_set("NONE")
-            shader.bind()
-            shader.uniform_block("glasses", glasses)
-            shader.uniform_sampler("origin_tx", inputs[0])
-            shader.uniform_sampler("along_tx", inputs[1])
-            if mesh is not None:
-                shader.uniform_sampler("mesh_tx", mesh)
-            shader.uniform_float("least", least)
-            # Ways come in the same order, wherever it ends.
-            shader.uniform_int("most", first + count)
-            shader.uniform_int("wanted", first)
-            shader.uniform_float("box", WHOLE)
-            _quad().draw(shader)
-            for slot in range(2 * count):
-                data = target.read_color(0, 0, columns, rows, 4, slot, "FLOAT")
-                found[slot % 2, first + slot // 2] = np.asarray(data).reshape(rows, columns, 4)
-        if not found[0, first, ..., 3].any():
-            break
-    return found[0], found[1]
-
-
 def _uniform(block: np.ndarray):
     block = np.ascontiguousarray(block, np.float32).ravel()
     return gpu.types.GPUUniformBuf(gpu.types.Buffer("FLOAT", len(block), block))
@@ -802,13 +734,6 @@ DESCRIPTIONS = {
         "outputs": ["color", "cover"],
         "fragment": glsl.SUM,
     },
-    "exits": {
-        "constants": [("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
-        "samplers": ["origin_tx", "along_tx"],
-        "glasses": True,
-        "outputs": [f"{n}_{k}" for k in range(glsl.EXITS_AT_ONCE) for n in ("place", "along")],
-        "fragment": glsl.EXITS,
-    },
     "edges": {
         "constants": [("VEC4", "box")],
         "samplers": ["first_tx"],
@@ -849,15 +774,26 @@ DESCRIPTIONS = {
 
 
 def compiled(
-    *, constants, samplers, outputs, fragment: str, glasses=False, view=False, meshes=False
+    *,
+    constants,
+    samplers,
+    outputs,
+    fragment: str,
+    glasses=False,
+    view=False,
+    meshes=False,
+    drawn="",
 ):
-    """A shader that draws quads: ``box`` is (x0, y0, x1, y1) of what it covers, -1 to 1."""
+    """A shader that draws quads: ``box`` is (x0, y0, x1, y1) of what it covers, -1 to 1.
+
+    ``drawn``: the text of a block ``Drawn``, where it takes what was drawn displaced.
+    """
     info = gpu.types.GPUShaderCreateInfo()
     info.vertex_in(0, "VEC2", "corner")
     for kind, name in constants:
         info.push_constant(kind, name)
     if glasses or view:
-        info.typedef_source(glsl.BLOCKS)
+        info.typedef_source(glsl.BLOCKS + drawn)
     if glasses:
         info.uniform_buf(0, "Glasses", "glasses")
     if view:
@@ -867,6 +803,9 @@ def compiled(
         fragment = f"#define MESHES\n{fragment}"
     for slot, name in enumerate(samplers):
         info.sampler(slot, "FLOAT_2D", name)
+    if drawn:
+        info.uniform_buf(2, "Drawn", "drawn")
+        info.sampler(len(samplers), "FLOAT_2D_ARRAY", "drawn_tx")
     for slot, name in enumerate(outputs):
         info.fragment_out(slot, "VEC4", name)
     info.vertex_source(glsl.QUAD_VERTEX)

@@ -18,7 +18,7 @@ import bpy
 import gpu
 import numpy as np
 
-from ..scene.read.arrays import positions
+from ..scene.read.arrays import mesh_triangles, positions
 from ..scene.read.sources import Piece, is_carried, pieces, source_objects
 from .refine import is_far, is_large, refined
 
@@ -175,7 +175,7 @@ class Things:
         wanted, glasses = mesh.wanted, mesh.glasses
         read = []
         # Blender takes its time for the triangles of a large mesh: they have a slice of their own.
-        for step in (positions, _find_triangles, _triangles):
+        for step in (positions, _find_triangles, mesh_triangles):
             with _part(key, self._layer, wanted) as part:
                 if part is None:
                     mesh.given_up = wanted
@@ -239,14 +239,6 @@ def _part(
 
 def _find_triangles(mesh: bpy.types.Mesh) -> None:
     mesh.calc_loop_triangles()
-
-
-def _triangles(mesh: bpy.types.Mesh) -> np.ndarray:
-    """(T, 3) int32, vertices of each."""
-    mesh.calc_loop_triangles()
-    out = np.empty((len(mesh.loop_triangles), 3), np.int32)
-    mesh.loop_triangles.foreach_get("vertices", out.ravel())
-    return out
 
 
 def _stamp(obj: bpy.types.Object, part: Piece) -> tuple:

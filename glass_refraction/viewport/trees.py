@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..optics.axial import BoundedGlass, Interface
+from ..optics.facets import placed
 
 LEAF = 2
 """Triangles of a leaf, at most."""
@@ -192,25 +193,15 @@ def shaped(points: np.ndarray, normals: np.ndarray, stretch: np.ndarray) -> Shap
     ValueError
         They have no area.
     """
-    placed = points @ stretch.T
-    turned = normals @ np.linalg.inv(stretch)
-    if np.linalg.det(stretch) < 0.0:
-        # A mirrored triangle runs the other way round.
-        placed, turned = placed[:, ::-1], turned[:, ::-1]
-    low, high = placed.min(axis=(0, 1)), placed.max(axis=(0, 1))
+    points, normals, _ = placed(points, normals, stretch, 0.0)
+    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     scale = float(half.max())
     if scale == 0.0:
         raise ValueError("its mesh has no area")
-    length = np.linalg.norm(turned, axis=2, keepdims=True)
-    flat = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
-    area = np.linalg.norm(flat, axis=1, keepdims=True)
-    flat = flat / np.where(area > 0.0, area, 1.0)
-    usable = np.isfinite(length) & (length > 0.0)
-    turned = np.where(usable, turned / np.where(usable, length, 1.0), flat[:, None])
     return Shaped(
-        np.ascontiguousarray((placed - middle) / scale),
-        np.ascontiguousarray(turned),
+        np.ascontiguousarray((points - middle) / scale),
+        np.ascontiguousarray(normals),
         scale,
         tuple(half.tolist()),
         middle,

@@ -47,25 +47,6 @@ void main()
 """
 )
 
-# The same triangles where they are, to tell what the solving costs.
-PLAIN_VERTEX = """
-void main()
-{
-  vec3 q = (place * vec4(pos, 1.0)).xyz;
-  at = q;
-  miss = 0.0;
-  gl_Position = bend.to_clip * vec4(q - bend.eye.xyz, 0.0) + bend.clip_eye;
-}
-"""
-
-# For tests: one point per vertex, whose pixel takes where it appears in the picture (-1 to 1) and
-# the length of the way there.
-POINTS_VERTEX = BEND + glsl.source("points_vertex")
-
-POINTS_FRAGMENT = """
-void main() { frag = vec4(at, miss); }
-"""
-
 COLOUR = (
     glsl.SMOOTH
     + glsl.VIEWS

@@ -25,7 +25,7 @@ import pytest
 
 PROGRAM = os.environ.get("REFRACTIVE_GLASS_REAL_BLENDER")
 ROOT = Path(__file__).parents[2]
-SHARED = ("windowed.py", "passes.py")
+SHARED = ("windowed.py", "passes.py", "vertex_points.py")
 """What scripts of that folder import."""
 INSIDE = Path(__file__).with_name("inside")
 SHADERS = Path(tempfile.gettempdir()) / f"refractive_glass_shaders_{os.getuid()}"

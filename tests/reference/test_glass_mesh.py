@@ -208,7 +208,7 @@ def test_each_interface_carries_its_two_media():
 def test_vertices_lie_on_the_true_surfaces():
     for s, radius in zip(glass_surfaces(BOWL), BOWL.radius, strict=True):
         assert np.linalg.norm(s.vertices, axis=1) == pytest.approx(radius, rel=1e-12)
-    outer, inner = glass_surfaces(TUBE)[:2]
+    outer, inner = (s for s in glass_surfaces(TUBE) if s.name.startswith("wall"))
     assert np.hypot(*outer.vertices.T[:2]) == pytest.approx(0.040, rel=1e-12)
     assert np.hypot(*inner.vertices.T[:2]) == pytest.approx(0.037, rel=1e-12)
 

@@ -17,9 +17,12 @@ from glass_refraction.scene.vertices.hull import faces_eye, first_face
 from glass_refraction.scene.vertices.region_map import write_region_map
 from glass_refraction.scene.vertices.regions import (
     FILTER_WIDTH,
+    PATH_SEARCH_RAYS,
     SUPPORT,
+    PathRays,
     blackman_harris,
     crossing_counts,
+    mean_weights,
     path_regions,
     picture_rect,
     region_masks,
@@ -95,14 +98,35 @@ def test_weights_sum_to_one_with_rest_and_are_one_where_a_surface_only_refracts(
     scene, _ = _case(shape="CYLINDER", contents_ior=1.333)
     glass, view = _read(scene)
     paths = optics.light_paths(glass.description, view.eye_for(glass), min_weight=0.001)
-    found = path_regions(glass, view, paths, exact=True)
+    found = path_regions(glass, view, paths)
     total = found.weights.sum(axis=0)[found.hit]
     assert total.max() <= 1 + 1e-6
     assert np.median(total) > 0.97
-    plain = path_regions(glass, view, paths, fresnel=False, exact=True)
-    through = plain.weights[[p.events == "TTTT" for p in paths].index(True)]
-    inside = plain.inside[[p.events == "TTTT" for p in paths].index(True)]
-    np.testing.assert_allclose(through[inside], 1.0)
+    plain = path_regions(glass, view, paths, fresnel=False)
+    number = [p.events for p in paths].index("TTTT")
+    whole = PathRays(glass, view, paths, False).whole_pixels()[number]
+    assert whole.any()
+    np.testing.assert_allclose(plain.weights[number][whole], 1.0)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3365])
+def test_few_rays_tell_which_paths_are_bright_however_little_of_a_glass_is_seen(shift, monkeypatch):
+    scenes.camera()
+    scene, obj = _case((960, 720), shape="CYLINDER", height=10.0)
+    obj.location = (shift, 0.0, -5.0)
+    bpy.context.view_layer.update()
+    glass, view = _read(scene)
+    x0, _, x1, _ = picture_rect(glass, view, margin=0)
+    assert (0 < x1 - x0 < 4) == (shift > 0.0)
+    rays, solve = [], optics.path_weights
+
+    def counted(glass, eye, directions, paths):
+        rays.append(len(directions))
+        return solve(glass, eye, directions, paths)
+
+    monkeypatch.setattr(optics, "path_weights", counted)
+    mean_weights(glass, view, (optics.LightPath("R"),), fresnel=True)
+    assert max(rays) < 2 * PATH_SEARCH_RAYS
 
 
 def test_border_pixels_hold_the_covered_part():

@@ -149,7 +149,7 @@ class Baking:
             raise RefractiveGlassError(
                 f'Refractive Glass is off in scene "{scene.name}": switch it on to bake'
             )
-        if door.effective_shading(scene) == "TRUE":
+        if scene.refractive_glass.shading == "TRUE":
             raise RefractiveGlassError(
                 f'True shading of scene "{scene.name}" cannot be baked: choose Displaced as its '
                 "Shading"
@@ -253,7 +253,7 @@ class Baking:
             frames=sorted({*(old.frames if old is not None else ()), *self.frames}),
             prepared=self._prepared,
             size=render_size(scene),
-            shading=door.effective_shading(scene),
+            shading=scene.refractive_glass.shading,
             border=_union(old.border, self._border) if old is not None else self._border,
             layers=sorted({*(old.layers if old is not None else ()), *self._used}),
             moments={
@@ -331,7 +331,7 @@ class Baking:
             and self._before is not None
             and (old.objects, old.images) == (sorted(self._objects), sorted(self._images))
             and old.size == render_size(self.scene)
-            and old.shading == door.effective_shading(self.scene)
+            and old.shading == self.scene.refractive_glass.shading
         )
 
     def _solve(self, depsgraph: bpy.types.Depsgraph, frame_set: Callable) -> None:

@@ -30,6 +30,7 @@ import bpy
 import numpy as np
 
 from ..names import RefractiveGlassError, hidden_name
+from ..read.arrays import KINDS, read_attribute
 
 BAKE = "refractive_glass_bake"
 """Custom property of a baked scene's composite group, and on own scenes the pointer to it."""
@@ -40,21 +41,8 @@ _FORMAT = 3
 _NEW = "new"
 _META_NAME = re.compile(r"\d{5,}_\d{5}\.json")
 
-# Attribute kind -> (property, components, type to read, type to store).
-_KINDS = {
-    "FLOAT": ("value", 1, np.float32, "<f4"),
-    "FLOAT2": ("vector", 2, np.float32, "<f4"),
-    "FLOAT_VECTOR": ("vector", 3, np.float32, "<f4"),
-    "FLOAT_COLOR": ("color", 4, np.float32, "<f4"),
-    "BYTE_COLOR": ("color_srgb", 4, np.float32, "u1"),
-    "QUATERNION": ("value", 4, np.float32, "<f4"),
-    "FLOAT4X4": ("value", 16, np.float32, "<f4"),
-    "INT": ("value", 1, np.int32, "<i4"),
-    "INT8": ("value", 1, np.int32, "i1"),
-    "INT16_2D": ("value", 2, np.int32, "<i2"),
-    "INT32_2D": ("value", 2, np.int32, "<i4"),
-    "BOOLEAN": ("value", 1, np.bool_, "?"),
-}
+# Attribute kinds that are stored in fewer bytes than they are read in.
+_NARROW = {"BYTE_COLOR": "u1", "INT8": "i1", "INT16_2D": "<i2"}
 # Without these there is no mesh; other names with a dot are selections and the like.
 _TOPOLOGY = {".edge_verts", ".corner_vert", ".corner_edge"}
 # Read by the extension's own node group only, whose result is what is stored.
@@ -231,17 +219,17 @@ def _described(mesh: bpy.types.Mesh, stored) -> dict:
 def _is_kept(attribute: bpy.types.Attribute) -> bool:
     if attribute.name.startswith("."):
         return attribute.name in _TOPOLOGY
-    known = attribute.data_type in _KINDS and attribute.name not in _CONSUMED
+    known = attribute.data_type in KINDS and attribute.name not in _CONSUMED
     return known and len(attribute.data) > 0
 
 
 def _values(attribute: bpy.types.Attribute) -> np.ndarray:
-    name, components, dtype, kept = _KINDS[attribute.data_type]
-    out = np.empty(len(attribute.data) * components, dtype)
-    attribute.data.foreach_get(name, out)
-    if attribute.data_type == "BYTE_COLOR":
-        out = np.rint(255.0 * out)
-    return out.astype(kept)
+    kind = attribute.data_type
+    if kind == "BYTE_COLOR":
+        values = np.rint(255.0 * read_attribute(attribute, "color_srgb"))
+    else:
+        values = read_attribute(attribute)
+    return values.astype(_NARROW.get(kind, values.dtype.newbyteorder("<")))
 
 
 class ImageWriter:

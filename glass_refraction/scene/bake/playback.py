@@ -17,6 +17,7 @@ import bpy
 from ..build.compositor import group_node
 from ..names import TAG, load_group, own
 from ..read.modifier_inputs import read_input
+from ..read.node_ends import trees
 from ..read.viewpoint import render_size
 from .files import (
     BAKE,
@@ -73,13 +74,8 @@ def is_held(scene: bpy.types.Scene) -> bool:
     return scene.session_uid in under_way or baked(scene) is not None
 
 
-def bake_problems(scene: bpy.types.Scene, shading: str) -> list[str]:
-    """What of the scene no longer fits its bake, a line each; empty if it is not baked.
-
-    Parameters
-    ----------
-    shading : ``TRUE`` or ``DISPLACED``, as it would take effect now.
-    """
+def bake_problems(scene: bpy.types.Scene) -> list[str]:
+    """What of the scene no longer fits its bake, a line each; empty if it is not baked."""
     bake = baked(scene)
     if bake is None:
         return []
@@ -90,7 +86,7 @@ def bake_problems(scene: bpy.types.Scene, shading: str) -> list[str]:
             f"Baked for {bake.size[0]} x {bake.size[1]} pixels, the picture has "
             f"{size[0]} x {size[1]}: bake again"
         )
-    if shading != bake.shading:
+    if scene.refractive_glass.shading != bake.shading:
         found.append(f"Baked for shading {bake.shading.title()}: bake again or set it back")
     if not (bake.folder / CONTENTS).is_file():
         found.append(f"The baked files in {bake.directory} are missing: bring them back or free")
@@ -234,21 +230,12 @@ def _image_nodes(
     scene: bpy.types.Scene, own_scenes: list[bpy.types.Scene]
 ) -> Iterator[bpy.types.Node]:
     """The nodes with the extension's own images: in its compositor group, in own materials."""
-    trees = {composite_group(scene): None}
+    found = dict.fromkeys(trees(composite_group(scene)))
     for obj in bakeable_objects(own_scenes).values():
         materials = [slot.material for slot in obj.material_slots]
-        trees |= {material.node_tree: None for material in materials if own(material)}
-    waiting, seen = list(trees), set()
-    while waiting:
-        tree = waiting.pop()
-        if tree is None or tree in seen:
-            continue
-        seen.add(tree)
-        for node in tree.nodes:
-            if own(getattr(node, "image", None)):
-                yield node
-            elif node.type == "GROUP":
-                waiting.append(node.node_tree)
+        found |= dict.fromkeys(t for m in materials if own(m) for t in trees(m.node_tree))
+    for tree in found:
+        yield from (node for node in tree.nodes if own(getattr(node, "image", None)))
 
 
 def _layer_name(own_scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> str:

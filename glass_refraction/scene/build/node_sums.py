@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What compositor trees are built from: sums and products of pictures, node by node."""
+"""What node trees are built from: sums and products of pictures or vectors, node by node."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class NodeSums:
         self._feed(factor, node.inputs["Scale"])
         return node.outputs[0]
 
-    def _vector(self, operation: str, first, second):
+    def _vector(self, operation: str, *values):
         node = self._node("ShaderNodeVectorMath", operation=operation)
-        for slot, value in enumerate((first, second)):
-            self._feed(value, node.inputs[slot])
-        return node.outputs[0]
+        for value, socket in zip(values, node.inputs, strict=False):
+            self._feed(value, socket)
+        return node.outputs["Value" if operation in {"DOT_PRODUCT", "DISTANCE"} else "Vector"]
 
     def _math(self, operation: str, first, second, *, clamp: bool = False):
         node = self._node("ShaderNodeMath", operation=operation, use_clamp=clamp)

@@ -21,7 +21,9 @@ import numpy as np
 
 from ..names import TAG, hidden_name, own
 from ..read.arrays import positions, write_attribute
+from ..read.node_ends import trees
 from ..read.sources import Piece, is_carried, pieces, world_positions
+from .node_sums import NodeSums
 
 GENERATED, OBJECT, POSITION = "rg_generated", "rg_object", "rg_position"
 COORDINATES = frozenset({GENERATED, OBJECT, POSITION})
@@ -144,23 +146,12 @@ def _reads(material: bpy.types.Material | None) -> frozenset[str]:
     """In which ways the material hangs on the object that it is on."""
     if material is None or material.node_tree is None or own(material):
         return frozenset()
-    return frozenset(
-        kind for tree in _trees(material.node_tree) for kind, _ in _bound_sockets(tree)
-    )
+    return frozenset(kind for tree in trees(material.node_tree) for kind, _ in _bound_sockets(tree))
 
 
 def _attributes(reads: Iterable[str]) -> frozenset[str]:
     reads = set(reads)
     return frozenset(reads & COORDINATES | ({POSITION} if _TARGET in reads else set()))
-
-
-def _trees(tree: bpy.types.NodeTree) -> list[bpy.types.NodeTree]:
-    """The tree and all groups in it, each once."""
-    found = {tree: None}
-    for node in tree.nodes:
-        if node.type == "GROUP" and node.node_tree is not None:
-            found |= dict.fromkeys(_trees(node.node_tree))
-    return list(found)
 
 
 def _bound_sockets(tree: bpy.types.NodeTree) -> Iterator[tuple[str, bpy.types.NodeSocket]]:
@@ -340,7 +331,7 @@ def _rewrite(tree: bpy.types.NodeTree, groups: dict) -> None:
 def _own_group(group: bpy.types.NodeTree, groups: dict) -> bpy.types.NodeTree:
     if group not in groups:
         groups[group] = group
-        if any(True for tree in _trees(group) for _ in _bound_sockets(tree)):
+        if any(True for tree in trees(group) for _ in _bound_sockets(tree)):
             made = groups[group] = group.copy()
             made.use_fake_user = False
             made[TAG] = ROLE
@@ -349,11 +340,11 @@ def _own_group(group: bpy.types.NodeTree, groups: dict) -> bpy.types.NodeTree:
     return groups[group]
 
 
-class _Builder:
+class _Builder(NodeSums):
     """Adds the nodes that stand for what hangs on the object to one tree, each once."""
 
     def __init__(self, tree: bpy.types.NodeTree) -> None:
-        self._tree = tree
+        self.tree = tree
         self._attributes: dict[tuple[str, str], bpy.types.Node] = {}
 
     def replacement(self, kind: str, socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
@@ -376,9 +367,9 @@ class _Builder:
 
     def _attribute(self, kind: str, name: str) -> bpy.types.Node:
         if (kind, name) not in self._attributes:
-            node = self._tree.nodes.new("ShaderNodeAttribute")
-            node.attribute_type, node.attribute_name = kind, name
-            self._attributes[kind, name] = node
+            self._attributes[kind, name] = self._node(
+                "ShaderNodeAttribute", attribute_type=kind, attribute_name=name
+            )
         return self._attributes[kind, name]
 
     def _of_source(self, name: str) -> bpy.types.Node:
@@ -390,7 +381,7 @@ class _Builder:
 
     def _object_normal(self) -> bpy.types.NodeSocket:
         """The normal in the source's frame: the copy's own is the source's in the world."""
-        normal = self._tree.nodes.new("ShaderNodeNewGeometry").outputs["Normal"]
+        normal = self._node("ShaderNodeNewGeometry").outputs["Normal"]
         axes = [self._attribute("OBJECT", name).outputs["Vector"] for name in _AXES[:3]]
         return self._vector(
             "NORMALIZE", self._joined([self._vector("DOT_PRODUCT", a, normal) for a in axes])
@@ -401,7 +392,7 @@ class _Builder:
         place = self._attribute("GEOMETRY", POSITION).outputs["Vector"]
         columns = []
         for column in range(4):
-            node = self._tree.nodes.new("ShaderNodeCombineXYZ")
+            node = self._node("ShaderNodeCombineXYZ")
             for row in range(3):
                 _drive(node.inputs[row], "default_value", -1, target, column, row)
             columns.append(node.outputs[0])
@@ -413,17 +404,10 @@ class _Builder:
         return self._vector("DIVIDE", scaled, volume)
 
     def _joined(self, values: list[bpy.types.NodeSocket]) -> bpy.types.NodeSocket:
-        node = self._tree.nodes.new("ShaderNodeCombineXYZ")
+        node = self._node("ShaderNodeCombineXYZ")
         for value, socket in zip(values, node.inputs, strict=True):
-            self._tree.links.new(value, socket)
+            self._link(value, socket)
         return node.outputs[0]
-
-    def _vector(self, operation: str, *values: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-        node = self._tree.nodes.new("ShaderNodeVectorMath")
-        node.operation = operation
-        for value, socket in zip(values, node.inputs, strict=False):
-            self._tree.links.new(value, socket)
-        return node.outputs["Value" if operation == "DOT_PRODUCT" else "Vector"]
 
 
 def _fingerprint(material: bpy.types.Material) -> str:
@@ -436,7 +420,7 @@ def _fingerprint(material: bpy.types.Material) -> str:
     skipped = {*bpy.types.ID.bl_rna.properties.keys(), "use_nodes"}
     for line in _state(material, "", skipped, _moving(material)):
         digest.update(line.encode())
-    for tree in _trees(material.node_tree):
+    for tree in trees(material.node_tree):
         for line in _tree_state(tree):
             digest.update(line.encode())
     return digest.hexdigest()

@@ -245,10 +245,7 @@ class SumTree(_Lookups):
             info = self._node("CompositorNodeImageInfo")
             self._link(one, info.inputs["Image"])
             sizes.append(info.outputs["Dimensions"])
-        apart = self._node("ShaderNodeVectorMath", operation="DISTANCE")
-        for size, target in zip(sizes, apart.inputs, strict=False):
-            self._link(size, target)
-        return self._math("LESS_THAN", apart.outputs["Value"], 0.5)
+        return self._math("LESS_THAN", self._vector("DISTANCE", *sizes), 0.5)
 
     def _layers(self, scene: bpy.types.Scene, layer: str | None = None):
         # In its own context: Blender would count the present scene as used once more, for ever.

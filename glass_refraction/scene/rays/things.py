@@ -10,7 +10,7 @@ import numpy as np
 
 from ...optics.vectors import rotated
 from ..names import own
-from ..read.arrays import positions
+from ..read.arrays import mesh_triangles, positions
 from ..read.light_linking import is_mirrored
 from .lamps import lamp_shape
 from .looks import Look, LookOf, hole_look, look_of, marked_look, softbox_look
@@ -205,14 +205,10 @@ class _Builder:
 
 def _read(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (V, 3), triangles (T, 3) and their material slots (T,) of a mesh."""
-    mesh.calc_loop_triangles()
-    count = len(mesh.loop_triangles)
-    corners = np.empty((count, 3), np.int32)
-    slots = np.zeros(count, np.int32)
-    if count:
-        mesh.loop_triangles.foreach_get("vertices", corners.ravel())
-        if "material_index" in mesh.attributes:
-            mesh.loop_triangles.foreach_get("material_index", slots)
+    corners = mesh_triangles(mesh)
+    slots = np.zeros(len(corners), np.int32)
+    if "material_index" in mesh.attributes:
+        slots = mesh_triangles(mesh, "material_index")
     local = positions(mesh).astype(float)
     finite = np.isfinite(local).all(axis=1)
     if not finite.all():

@@ -7,14 +7,18 @@ import bpy
 import numpy as np
 
 # Attribute kind -> (property, components, type) as foreach_get and foreach_set take them.
-_KINDS = {
+KINDS = {
     "FLOAT": ("value", 1, np.float32),
     "FLOAT2": ("vector", 2, np.float32),
     "FLOAT_VECTOR": ("vector", 3, np.float32),
     "FLOAT_COLOR": ("color", 4, np.float32),
     "BYTE_COLOR": ("color", 4, np.float32),
+    "QUATERNION": ("value", 4, np.float32),
+    "FLOAT4X4": ("value", 16, np.float32),
     "INT": ("value", 1, np.int32),
     "INT8": ("value", 1, np.int32),
+    "INT16_2D": ("value", 2, np.int32),
+    "INT32_2D": ("value", 2, np.int32),
     "BOOLEAN": ("value", 1, np.bool_),
 }
 
@@ -55,6 +59,22 @@ def edges(mesh: bpy.types.Mesh) -> np.ndarray:
     return out
 
 
+def edges_of_corners(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(L,) int32, the edge that each face corner begins: one face has it once."""
+    out = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("edge_index", out)
+    return out
+
+
+def mesh_triangles(mesh: bpy.types.Mesh, what: str = "vertices") -> np.ndarray:
+    """A property of a mesh's triangles, int32: ``vertices`` or ``loops`` (T, 3), others (T,)."""
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    out = np.empty((count, 3) if what in {"vertices", "loops"} else count, np.int32)
+    mesh.loop_triangles.foreach_get(what, out.ravel())
+    return out
+
+
 def corner_normals(mesh: bpy.types.Mesh) -> np.ndarray:
     """Normals (L, 3) of the face corners, custom normals and sharp edges included."""
     out = np.empty((len(mesh.loops), 3), np.float32)
@@ -62,12 +82,12 @@ def corner_normals(mesh: bpy.types.Mesh) -> np.ndarray:
     return out
 
 
-def read_attribute(attribute: bpy.types.Attribute) -> np.ndarray:
-    """All values (n, k) of an attribute."""
-    name, components, dtype = _KINDS[attribute.data_type]
+def read_attribute(attribute: bpy.types.Attribute, name: str | None = None) -> np.ndarray:
+    """All values (n, k) of an attribute; ``name``: of another of its properties than usual."""
+    usual, components, dtype = KINDS[attribute.data_type]
     out = np.empty((len(attribute.data), components), dtype)
     if len(out):
-        attribute.data.foreach_get(name, out.ravel())
+        attribute.data.foreach_get(name or usual, out.ravel())
     return out
 
 
@@ -82,7 +102,7 @@ def write_attribute(
     if attribute is None:
         attribute = mesh.attributes.new(name, kind, domain)
     if len(values):
-        field, _, dtype = _KINDS[kind]
+        field, _, dtype = KINDS[kind]
         attribute.data.foreach_set(field, np.ascontiguousarray(values, dtype).ravel())
 
 

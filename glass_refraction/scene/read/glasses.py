@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -13,10 +13,12 @@ import numpy as np
 
 from ... import optics
 from ...optics.axial import AxialGlass
+from ...optics.revolution import nested
 from ..names import RefractiveGlassError, own
 from .animation import may_change
-from .mesh_glasses import Interface, MeshGlass, interface_of, mesh_glass, volume_absorption
+from .mesh_glasses import MeshGlass, interface_of, placed_triangles, volume_absorption
 from .modifier_inputs import data_path, has_input, read_input
+from .node_ends import trees
 from .visibility import layer_objects, rendered_objects
 
 # Blender's transforms are float32: differences up to this are rounding, not shear.
@@ -80,7 +82,7 @@ class Glass:
     @property
     def key(self) -> str:
         """The glass's name, and that of the light it is computed for."""
-        return banded_key(self.name, self.band)
+        return f"{self.name} \u00b7 {self.band}" if self.band else self.name
 
     @property
     def disperses(self) -> bool:
@@ -153,11 +155,6 @@ class Glass:
     def points_to_world(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the glass's frame in the world."""
         return points @ self.to_world[:3, :3].T + self.to_world[:3, 3]
-
-
-def banded_key(name: str, band: str) -> str:
-    """What is made for a glass in light of one colour is known by this."""
-    return f"{name} \u00b7 {band}" if band else name
 
 
 def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
@@ -248,7 +245,8 @@ def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
     for particles in host.particle_systems:
         named += [particles.settings.instance_object, particles.settings.instance_collection]
     for modifier in _users_nodes(host):
-        named += _named_in_tree(modifier.node_group)
+        nodes = (node for tree in trees(modifier.node_group) for node in tree.nodes)
+        named += [getattr(i, "default_value", None) for node in nodes for i in node.inputs]
         for item in modifier.node_group.interface.items_tree:
             socket = getattr(item, "socket_type", "")
             if socket in _NAMING_SOCKETS and has_input(modifier, item.name):
@@ -268,15 +266,6 @@ def _users_nodes(host: bpy.types.Object) -> list[bpy.types.NodesModifier]:
     return [modifier for modifier in nodes if not own(modifier.node_group)]
 
 
-def _named_in_tree(tree: bpy.types.NodeTree) -> list:
-    """The values of all inputs of a tree's nodes, and of the groups in it."""
-    named = [getattr(i, "default_value", None) for node in tree.nodes for i in node.inputs]
-    for node in tree.nodes:
-        if node.type == "GROUP" and node.node_tree is not None:
-            named += _named_in_tree(node.node_tree)
-    return named
-
-
 def merged_glasses(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
 ) -> list[tuple[bpy.types.Object, bpy.types.Object]]:
@@ -286,7 +275,7 @@ def merged_glasses(
     """
     taken = []
     for host in scene.objects:
-        objects = [g for m in _users_nodes(host) for g in _taken_objects(m.node_group, m)]
+        objects = [g for modifier in _users_nodes(host) for g in _taken_objects(modifier)]
         for glass in dict.fromkeys(objects):
             is_glass = glass.type == "MESH" and glass_modifier(glass) is not None
             if is_glass:
@@ -303,14 +292,10 @@ def merged_glasses(
     return [(host, glass) for host, glass in taken if (host.name, glass.name) not in instanced]
 
 
-def _taken_objects(
-    tree: bpy.types.NodeTree, modifier: bpy.types.NodesModifier
-) -> list[bpy.types.Object]:
+def _taken_objects(modifier: bpy.types.NodesModifier) -> list[bpy.types.Object]:
     """The objects whose geometry a modifier's node tree takes by Object Info."""
     found = []
-    for node in tree.nodes:
-        if node.type == "GROUP" and node.node_tree is not None:
-            found += _taken_objects(node.node_tree, modifier)
+    for node in (node for tree in trees(modifier.node_group) for node in tree.nodes):
         if node.type != "OBJECT_INFO" or not node.outputs["Geometry"].is_linked:
             continue
         socket = node.inputs["Object"]
@@ -388,7 +373,7 @@ def read_glass(
     Parameters
     ----------
     to_world : (4, 4) of an instance of it; by default the object's own.
-    known : see `mesh_glass`.
+    known : see `placed_triangles`.
 
     Raises
     ------
@@ -402,7 +387,10 @@ def read_glass(
         to_world = np.array(evaluated.matrix_world, float)
     shape = read_input(modifier, "Shape")
     if shape == "Mesh":
-        return _read_mesh(evaluated, depsgraph, modifier, to_world, known)
+        mesh = evaluated.data
+        return _read_mesh(
+            evaluated, depsgraph, to_world, lambda: placed_triangles(mesh, to_world, known)
+        )
     pose, scale = rigid_pose(to_world, obj.name)
     size = {
         key: float(read_input(modifier, name)) * scale
@@ -444,21 +432,6 @@ def read_glass(
     return glass
 
 
-def _read_mesh(
-    evaluated: bpy.types.Object,
-    depsgraph: bpy.types.Depsgraph,
-    modifier,
-    to_world: np.ndarray,
-    known,
-) -> Glass:
-    """A glass that is a mesh; arguments as of `read_glass`."""
-
-    def shape(interface: Interface) -> MeshGlass:
-        return mesh_glass(evaluated.data, to_world, interface, known)
-
-    return _mesh_of(evaluated, depsgraph, modifier, to_world, shape)
-
-
 def read_mesh_interface(
     evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph, to_world: np.ndarray
 ) -> Glass:
@@ -469,27 +442,21 @@ def read_mesh_interface(
     RefractiveGlassError
     """
     nothing = np.zeros((0, 3, 3))
-
-    def shape(interface: Interface) -> MeshGlass:
-        return MeshGlass(nothing, nothing, **vars(interface))
-
-    modifier = glass_modifier(evaluated)
-    return _mesh_of(evaluated, depsgraph, modifier, to_world, shape)
+    return _read_mesh(evaluated, depsgraph, to_world, lambda: (nothing, nothing))
 
 
-def _mesh_of(
+def _read_mesh(
     evaluated: bpy.types.Object,
     depsgraph: bpy.types.Depsgraph,
-    modifier,
     to_world: np.ndarray,
-    shape,
+    triangles: Callable[[], tuple[np.ndarray, np.ndarray]],
 ) -> Glass:
-    """A glass that is a mesh; ``shape`` makes its description of an interface."""
-    name = evaluated.name
+    """A glass that is a mesh; ``triangles`` gives their points and normals."""
+    name, modifier = evaluated.name, glass_modifier(evaluated)
     _check_place(to_world, name)
-    ior = float(read_input(modifier, "IOR"))
     try:
-        description = shape(interface_of(evaluated, depsgraph, ior))
+        interface = interface_of(evaluated, depsgraph, float(read_input(modifier, "IOR")))
+        description = MeshGlass(*triangles(), **vars(interface))
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
         clear, inside = _absorption(modifier, description, scale)
@@ -580,20 +547,14 @@ def _revolution(profile, depsgraph, scale: float, ior: float, contents: float, l
         level = min(max(level, 0.0), float(nodes[-1, 1] - nodes[0, 1]))
     if inner is None or level < _SHALLOW * scale * np.abs(sides[0]).max():
         level = None
-    return _kept_revolution(_nested(sides[0]), _nested(inner), ior, contents, level)
+    outer, inner = (None if side is None else nested(side) for side in (sides[0], inner))
+    return _kept_revolution(outer, inner, ior, contents, level)
 
 
 @lru_cache(maxsize=32)
 def _kept_revolution(outer, inner, ior: float, contents: float, level: float | None):
     """One description for equal profiles: it keeps tables that take time to make."""
     return optics.RevolutionGlass(outer, inner, ior, contents, level)
-
-
-def _nested(array: np.ndarray | None):
-    """The array as tuples, which can be compared and hashed."""
-    if array is None or array.ndim == 0:
-        return None if array is None else float(array)
-    return tuple(_nested(part) for part in array)
 
 
 def _profile_points(spline) -> np.ndarray:

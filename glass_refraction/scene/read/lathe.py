@@ -9,7 +9,7 @@ from itertools import pairwise
 import bpy
 import numpy as np
 
-from .arrays import edges, positions
+from .arrays import edges, edges_of_corners, positions
 
 NEAR = 1e-4
 """Part of the mesh's size within which places are the same, or on the axis."""
@@ -66,9 +66,7 @@ def lathe_of(mesh: bpy.types.Mesh) -> Lathe | None:
 
 def _is_open(mesh: bpy.types.Mesh, counted: np.ndarray) -> bool:
     """Whether edges that count (E,) bound one face only or more than two."""
-    corners = np.empty(len(mesh.loops), np.int32)
-    mesh.loops.foreach_get("edge_index", corners)
-    faces = np.bincount(corners, minlength=len(counted))
+    faces = np.bincount(edges_of_corners(mesh), minlength=len(counted))
     return bool((faces[counted] != 2).any())
 
 

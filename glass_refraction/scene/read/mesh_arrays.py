@@ -9,11 +9,18 @@ import bpy
 import numpy as np
 
 from ..vertices.tessellation import Triangles
-from .arrays import corner_normals, read_attribute, write_attribute
+from .arrays import (
+    corner_normals,
+    mesh_triangles,
+    read_attribute,
+    write_attribute,
+    write_polygons,
+)
 from .sources import Piece, world_positions
 
 # Attributes that Blender makes from the mesh itself or that belong to other domains.
-_LEFT_OUT = {"position", "custom_normal", "sharp_edge", ".edge_verts"}
+_MATERIAL = "material_index"
+_LEFT_OUT = {"position", "custom_normal", "sharp_edge", ".edge_verts", _MATERIAL}
 _INTERPOLATED = {"FLOAT", "FLOAT2", "FLOAT_VECTOR", "FLOAT_COLOR", "BYTE_COLOR"}
 _TAKEN_OVER = {"INT", "INT8", "BOOLEAN"}
 
@@ -40,19 +47,8 @@ class SourceMesh:
 def read_triangles(parts: list[Piece]) -> np.ndarray:
     """The triangles (T, 3) of the pieces, by vertices as they are numbered one after another."""
     starts = np.cumsum([0] + [len(part.mesh.vertices) for part in parts])
-    found = [
-        _loop_triangles(p.mesh, "vertices") + s for p, s in zip(parts, starts[:-1], strict=True)
-    ]
+    found = [mesh_triangles(p.mesh) + s for p, s in zip(parts, starts[:-1], strict=True)]
     return np.concatenate(found or [np.empty((0, 3), np.int32)])
-
-
-def _loop_triangles(mesh: bpy.types.Mesh, what: str) -> np.ndarray:
-    """A property of each of a mesh's triangles: (T, 3), or (T,) of ``polygon_index``."""
-    mesh.calc_loop_triangles()
-    count = len(mesh.loop_triangles)
-    out = np.empty(count if what == "polygon_index" else (count, 3), np.int32)
-    mesh.loop_triangles.foreach_get(what, out.ravel())
-    return out
 
 
 def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = None) -> SourceMesh:
@@ -69,7 +65,7 @@ def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = N
     for part in parts:
         mesh = part.mesh
         vertices, loops, faces = (
-            _loop_triangles(mesh, what) for what in ("vertices", "loops", "polygon_index")
+            mesh_triangles(mesh, what) for what in ("vertices", "loops", "polygon_index")
         )
         count = len(vertices)
         turn = np.linalg.inv(part.to_world[:3, :3]).T
@@ -84,13 +80,10 @@ def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = N
             elif kind in _INTERPOLATED | _TAKEN_OVER and domain == "FACE":
                 values = read_attribute(attribute)[faces]
                 of_face.setdefault(attribute.name, []).append((len(counts), kind, values))
-        material = np.zeros((count, 1), np.int32)
-        if "material_index" in mesh.attributes:
-            material = read_attribute(mesh.attributes["material_index"])[faces]
-        of_face.setdefault("material_index", [])
-        of_face["material_index"] = [
-            e for e in of_face["material_index"] if e[0] != len(counts)
-        ] + [(len(counts), "INT", material + slots)]
+        material = np.full((count, 1), slots, np.int32)
+        if _MATERIAL in mesh.attributes:
+            material += read_attribute(mesh.attributes[_MATERIAL])[faces]
+        of_face.setdefault(_MATERIAL, []).append((len(counts), "INT", material))
         slots += max(1, len(mesh.materials))
         counts.append(count)
     joined = read_triangles(parts)
@@ -120,14 +113,7 @@ def write_mesh(mesh: bpy.types.Mesh, source: SourceMesh, triangles: Triangles) -
     The original normals go into ``rg_normal``.
     """
     mesh.clear_geometry()
-    count = len(triangles.corners)
-    mesh.vertices.add(len(triangles.points))
-    mesh.loops.add(3 * count)
-    mesh.polygons.add(count)
-    mesh.loops.foreach_set("vertex_index", triangles.corners.astype(np.int32).ravel())
-    mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
-    write_attribute(mesh, "position", triangles.points, "FLOAT_VECTOR")
-    mesh.update(calc_edges=True)
+    write_polygons(mesh, triangles.points, triangles.corners)
     for name, (kind, values) in source.at_corner.items():
         write_attribute(mesh, name, _at(values, triangles), kind, "CORNER")
     for name, (kind, values) in source.of_face.items():

@@ -11,8 +11,15 @@ from typing import ClassVar
 import bpy
 import numpy as np
 
+from ...optics.facets import placed
 from ..names import own
-from .arrays import corner_normals, positions, read_attribute
+from .arrays import (
+    corner_normals,
+    edges_of_corners,
+    mesh_triangles,
+    positions,
+    read_attribute,
+)
 from .node_ends import leading_node
 
 CORNER_NORMAL = "rg_corner_normal"
@@ -85,10 +92,10 @@ class Interface:
     reflected: tuple[float, float, float] = CLEAR
 
 
-def mesh_glass(
-    mesh: bpy.types.Mesh, to_world: np.ndarray, interface: Interface, known: dict | None = None
-) -> MeshGlass:
-    """A glass from its evaluated mesh.
+def placed_triangles(
+    mesh: bpy.types.Mesh, to_world: np.ndarray, known: dict | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and unit normals (T, 3, 3) of an evaluated mesh's triangles in the world.
 
     Parameters
     ----------
@@ -100,37 +107,15 @@ def mesh_glass(
     ValueError
         No faces, or coordinates that are no numbers.
     """
-    key = mesh.as_pointer()
-    if known is None or key not in known:
-        local = triangles_of(mesh)
-        if known is not None:
-            known[key] = local
-    else:
-        local = known[key]
-    points, normals = local
-    linear = to_world[:3, :3]
-    placed = points @ linear.T + to_world[:3, 3]
-    turned = normals @ np.linalg.inv(linear)
-    if np.linalg.det(linear) < 0.0:
-        # A mirrored triangle runs the other way round.
-        placed, turned = placed[:, ::-1], turned[:, ::-1]
-    flat = np.cross(placed[:, 1] - placed[:, 0], placed[:, 2] - placed[:, 0])
-    area = np.linalg.norm(flat, axis=1)
+    key, known = mesh.as_pointer(), {} if known is None else known
+    if key not in known:
+        known[key] = triangles_of(mesh)
+    points, normals = known[key]
+    points, normals, area = placed(points, normals, to_world[:3, :3], to_world[:3, 3])
     kept = area > 0.0
     if not kept.any():
         raise ValueError("its mesh has no area")
-    placed, turned, flat = placed[kept], turned[kept], flat[kept] / area[kept, None]
-    length = np.linalg.norm(turned, axis=2, keepdims=True)
-    usable = np.isfinite(length) & (length > 0.0)
-    turned = np.where(usable, turned / np.where(usable, length, 1.0), flat[:, None])
-    return MeshGlass(
-        np.ascontiguousarray(placed),
-        np.ascontiguousarray(turned),
-        interface.ior,
-        interface.roughness,
-        interface.refracted,
-        interface.reflected,
-    )
+    return np.ascontiguousarray(points[kept]), np.ascontiguousarray(normals[kept])
 
 
 def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -149,14 +134,8 @@ def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
         own_points = normals.any(axis=1)
         points, normals = points[own_points], normals[own_points]
     else:
-        mesh.calc_loop_triangles()
-        count = len(mesh.loop_triangles)
-        corners, loops = np.empty((2, 3 * count), np.int32)
-        if count:
-            mesh.loop_triangles.foreach_get("vertices", corners)
-            mesh.loop_triangles.foreach_get("loops", loops)
-        normals = corner_normals(mesh).astype(float)[loops]
-        points = points[corners]
+        normals = corner_normals(mesh).astype(float)[mesh_triangles(mesh, "loops")]
+        points = points[mesh_triangles(mesh)]
     if not len(points):
         raise ValueError("its mesh has no faces: a glass needs some")
     if not np.isfinite(points).all():
@@ -245,8 +224,5 @@ _READERS = {"BSDF_GLASS": _glass, "BSDF_REFRACTION": _glass, "BSDF_PRINCIPLED": 
 
 def open_edges(mesh: bpy.types.Mesh) -> tuple[int, int]:
     """Edges of a mesh that bound one face only, and those that bound more than two."""
-    edges = np.empty(len(mesh.loops), np.int32)
-    if len(edges):
-        mesh.loops.foreach_get("edge_index", edges)
-    count = np.bincount(edges, minlength=len(mesh.edges))
+    count = np.bincount(edges_of_corners(mesh), minlength=len(mesh.edges))
     return int((count == 1).sum()), int((count > 2).sum())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What leads to the output of a material's nodes, and what they ask for."""
+"""Node trees: the groups in them, what leads to their output, and what they ask for."""
 
 from __future__ import annotations
 
@@ -11,6 +11,17 @@ TOLD_APART = {"Is Camera Ray", "Is Glossy Ray", "Is Singular Ray", "Is Reflectio
 TOLD_APART |= {"Is Transmission Ray", "Ray Length", "Ray Depth", "Diffuse Depth", "Glossy Depth"}
 TOLD_APART |= {"Transparent Depth", "Transmission Depth", "Portal Depth"}
 """Outputs of a Light Path node by which a camera's ray and one through glass may differ."""
+
+
+def trees(tree: bpy.types.NodeTree | None) -> list[bpy.types.NodeTree]:
+    """A tree and all groups in it, each once; of None none."""
+    found, waiting = {}, [tree]
+    while waiting:
+        tree = waiting.pop()
+        if tree is not None and tree not in found:
+            found[tree] = None
+            waiting += [node.node_tree for node in tree.nodes if node.type == "GROUP"]
+    return list(found)
 
 
 def leading_node(

@@ -9,7 +9,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from .arrays import edges, positions
+from .arrays import edges, edges_of_corners, mesh_triangles, positions
 
 FLAT = 1e-9
 """Of a body's size cubed: less volume than this is neither inside nor outside."""
@@ -45,8 +45,7 @@ def orientation_of(mesh: bpy.types.Mesh) -> Orientation:
     """
     if not len(mesh.polygons):
         return Orientation(0, 0)
-    edge, vertex = np.empty((2, len(mesh.loops)), np.int32)
-    mesh.loops.foreach_get("edge_index", edge)
+    edge, vertex = edges_of_corners(mesh), np.empty(len(mesh.loops), np.int32)
     mesh.loops.foreach_get("vertex_index", vertex)
     count = np.bincount(edge, minlength=len(mesh.edges))
     # Two faces that look the same way run along the edge between them in opposite directions.
@@ -86,10 +85,7 @@ def bodies_of(mesh: bpy.types.Mesh) -> np.ndarray:
 def _volumes(mesh: bpy.types.Mesh, bodies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Volume (B,), below 0 where its faces look in, and box (B, 2, 3) of each body."""
     points = positions(mesh).astype(float)
-    mesh.calc_loop_triangles()
-    corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
-    mesh.loop_triangles.foreach_get("vertices", corners)
-    corners = corners.reshape(-1, 3)
+    corners = mesh_triangles(mesh)
     total = bodies.max() + 1
     box = np.empty((total, 2, 3))
     box[:, 0], box[:, 1] = np.inf, -np.inf

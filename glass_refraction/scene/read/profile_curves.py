@@ -83,11 +83,6 @@ PROFILES = {
 """Everyday profiles: the outside and, if it is hollow, the inside, from the axis up."""
 
 
-def profile_height(form: str) -> float:
-    """Height of a profile of ``PROFILES``, metres."""
-    return float(np.ptp(np.array(PROFILES[form][0])[:, 1]))
-
-
 def form_profile(
     glass: bpy.types.Object, form: str, height: float | None = None
 ) -> bpy.types.Object:
@@ -95,7 +90,8 @@ def form_profile(
 
     ``height`` : metres; None: as the profile has it.
     """
-    factor = 1.0 if height is None else height / profile_height(form)
+    own = float(np.ptp(np.array(PROFILES[form][0])[:, 1]))
+    factor = 1.0 if height is None else height / own
     sides = tuple(factor * np.array(side) for side in PROFILES[form])
     if form != "WINE":
         return _profile(glass, sides)

@@ -64,7 +64,7 @@ from .hull import faces_eye, first_face
 from .kept_paths import OPEN_SLOTS, kept_paths, open_paths, slot_count
 from .motion_blur import SOLVED, frame_time, keep_moment
 from .path_keys import path_key
-from .regions import Regions, path_regions, tints
+from .regions import Regions, in_picture, path_regions, tints
 from .tessellation import Probe, region_probe
 
 MAX_TOLERANCE_PX = 8.0
@@ -382,13 +382,13 @@ class _Frame:
                 on = [path.begins(other) and not other.open for other in regions.paths]
                 weights = np.maximum(weights - regions.shares[on].sum(axis=0)[..., None], 0.0)
             if glass.is_tinted:
-                weights = weights * tints(glass, self.view, regions, path)
+                weights = weights * tints(glass, self.view, path)
             write_slot(self._images[pane.number, slot], self._window(regions, weights))
 
     def _window(self, regions: Regions, values: np.ndarray) -> np.ndarray:
         """Values (h, w, 1 or 3) of the regions' rectangle, placed in the rendered picture."""
         x0, y0, x1, y1 = self.view.window
-        placed = regions.full(np.moveaxis(values, 2, 0), self.view.size)
+        placed = in_picture(np.moveaxis(values, 2, 0), regions.rect, self.view.size)
         return np.moveaxis(placed, 0, 2)[y0:y1, x0:x1]
 
     def _occluders(self) -> None:

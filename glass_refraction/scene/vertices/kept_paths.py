@@ -14,7 +14,7 @@ from ..memory import counters, memory_of
 from ..read.glasses import Glass
 from ..read.viewpoint import Viewpoint
 from .hull import first_face
-from .regions import coarse_weights
+from .regions import mean_weights
 
 SLOTS = {
     ("GLASS", False): 10,
@@ -88,7 +88,7 @@ def bright_paths(
 
 def _brightest(glass, view, paths, min_weight, fresnel, most=None) -> tuple[optics.LightPath, ...]:
     """Those of a mean weight of at least so much, the brightest first."""
-    mean = coarse_weights(glass, view, paths, fresnel).mean(axis=1)
+    mean = mean_weights(glass, view, paths, fresnel=fresnel)
     order = sorted(range(len(paths)), key=lambda number: -mean[number])[:most]
     return tuple(paths[number] for number in order if mean[number] >= min_weight)
 

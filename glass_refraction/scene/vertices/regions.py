@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,6 +28,8 @@ SUBSAMPLES = 24
 PATH_SEARCH_SIDE = 96
 """Rays across a glass, its shorter way, with which the paths' mean weights are found: a verge of a
 hundredth of it is met by one of them, however few pixels the glass has in the picture."""
+PATH_SEARCH_RAYS = 16 * PATH_SEARCH_SIDE**2
+"""Of these in all, about: a glass in the picture may be 16 times as long as wide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +46,6 @@ class Regions:
     paths : the paths, in the order of ``weights``.
     weights : (P, h, w) float32: of the light that reaches the eye through the glass, the part
         along each path; also given a few pixels beyond the outline.
-    inside : (P, h, w) bool: pixels that lie wholly in the region where rays take the path,
-        every face met within its extent.
     hit : (h, w) bool: the ray through the pixel's centre meets the glass.
     shares : (P, h, w) float32: as ``weights``, but with the light of paths that were left out
         shared out among these in proportion, ray by ray: they sum to one. Without Fresnel's
@@ -54,7 +55,6 @@ class Regions:
     rect: tuple[int, int, int, int]
     paths: tuple[optics.LightPath, ...]
     weights: np.ndarray
-    inside: np.ndarray
     hit: np.ndarray
     shares: np.ndarray
 
@@ -76,12 +76,13 @@ class Regions:
         known = self.shares[whole].sum(axis=0)
         return np.where(known > 0, np.clip(1.0 - known, 0.0, 1.0), 0.0).astype(np.float32)
 
-    def full(self, values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """One of the arrays above (..., h, w) placed in a picture of ``size``, zero elsewhere."""
-        x0, y0, x1, y1 = self.rect
-        out = np.zeros((*values.shape[:-2], size[1], size[0]), values.dtype)
-        out[..., y0:y1, x0:x1] = values
-        return out
+
+def in_picture(values: np.ndarray, rect: tuple, size: tuple[int, int]) -> np.ndarray:
+    """Values (..., h, w) of a rectangle in a picture of ``size``, zero elsewhere."""
+    x0, y0, x1, y1 = rect
+    out = np.zeros((*values.shape[:-2], size[1], size[0]), values.dtype)
+    out[..., y0:y1, x0:x1] = values
+    return out
 
 
 def blackman_harris(x: np.ndarray) -> np.ndarray:
@@ -121,8 +122,6 @@ def path_regions(
     paths: tuple[optics.LightPath, ...],
     *,
     fresnel: bool = True,
-    exact: bool = False,
-    smooth: bool = True,
 ) -> Regions:
     """The weights of ``paths`` for every pixel that the glass can cover.
 
@@ -130,48 +129,45 @@ def path_regions(
     ----------
     fresnel : weigh by Fresnel's equations, as a glass surface; else as a surface that only
         refracts: 1 where the ray takes the path, and nothing along paths with a reflection.
-    smooth : anti-alias where a region ends; else every pixel is what its centre's ray says.
-    exact : find ``inside`` too (else it is all False): the weights do not need it.
     """
-    rect = picture_rect(glass, view)
-    x0, y0, x1, y1 = rect
-    height, width = max(0, y1 - y0), max(0, x1 - x0)
     rays = PathRays(glass, view, paths, fresnel)
-    x, y = np.meshgrid(x0 + 0.5 + np.arange(width), y0 + 0.5 + np.arange(height))
-    weights, hit, taken = rays.weights(x.ravel(), y.ravel())
+    weights, hit, taken = rays.at_centres()
     # The paths' weights first, then their shares.
     weights = np.concatenate((weights, rays.shared(weights)))
-    weights = weights.reshape(len(weights), height, width)
-    hit = hit.reshape(height, width)
-    taken = taken.reshape(len(taken), height, width)
-
     # The filter reaches beyond the next pixel.
     border = border_pixels(np.concatenate((taken, hit[None])))
-    border = border_pixels(border[None]) | border
-    inside = np.zeros_like(taken)
-    if exact and taken.size:
-        inside = rays.bounded(x.ravel(), y.ravel()).reshape(taken.shape)
-        inside &= ~border_pixels(inside)
-    if smooth:
-        rows, columns = np.nonzero(border)
-        edge_weights, edge_cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
-        weights[:, rows, columns] = edge_weights
-        known = hit.copy()
-        known[rows, columns] = edge_cover > 0
-        _spread(weights, known)
-    weights, shares = weights.astype(np.float32).reshape(2, len(paths), height, width)
-    return Regions(rect, paths, weights, inside, hit, shares)
+    rows, columns = np.nonzero(border_pixels(border[None]) | border)
+    x0, y0, *_ = rays.rect
+    weights[:, rows, columns], cover = rays.filtered(x0 + 0.5 + columns, y0 + 0.5 + rows)
+    known = hit.copy()
+    known[rows, columns] = cover > 0
+    _spread(weights, known)
+    weights, shares = weights.astype(np.float32).reshape(2, len(paths), *hit.shape)
+    return Regions(rays.rect, paths, weights, hit, shares)
 
 
-def coarse_weights(glass: Glass, view: Viewpoint, paths, fresnel: bool) -> np.ndarray:
-    """Weights (P, M) of paths along rays spread over the glass's pixels."""
+def centre_weights(
+    glass: Glass, view: Viewpoint, paths, *, fresnel: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (P, h, w) float32 along the rays of pixels' centres, and (h, w) which meet the glass.
+
+    Of the pixels of `picture_rect`; ``fresnel`` as of `path_regions`.
+    """
+    weights, hit, _ = PathRays(glass, view, paths, fresnel).at_centres()
+    return weights.astype(np.float32), hit
+
+
+def mean_weights(glass: Glass, view: Viewpoint, paths, *, fresnel: bool) -> np.ndarray:
+    """(P,) mean weights of paths over rays spread over the glass's pixels."""
     x0, y0, x1, y1 = picture_rect(glass, view, margin=0)
-    finer = PATH_SEARCH_SIDE / max(1, min(x1 - x0, y1 - y0))
+    width, height = max(1, x1 - x0), max(1, y1 - y0)
+    finer = PATH_SEARCH_SIDE / min(width, height)
+    # Of a glass that only a column of the picture shows, that would be millions of rays.
+    finer = min(finer, math.sqrt(PATH_SEARCH_RAYS / (width * height)))
     size = tuple(max(1, round(n * finer)) for n in view.size)
     coarse = replace(view, size=size, window=(0, 0, *size))
-    found = path_regions(glass, coarse, paths, fresnel=fresnel, smooth=False)
-    weights = found.weights[:, found.hit]
-    return weights if weights.shape[1] else np.zeros((len(paths), 1))
+    weights, hit = centre_weights(glass, coarse, paths, fresnel=fresnel)
+    return weights[:, hit].mean(axis=1) if hit.any() else np.zeros(len(paths))
 
 
 class PathRays:
@@ -179,10 +175,29 @@ class PathRays:
 
     def __init__(self, glass: Glass, view: Viewpoint, paths, fresnel: bool) -> None:
         self.glass, self.view, self.paths, self.fresnel = glass, view, paths, fresnel
+        self.rect = picture_rect(glass, view)
+        """Of the pixels that the glass can cover: (h, w) of them."""
         self.named = any(path.interfaces is not None for path in paths)
         """Whether rays may be met that hardly take any of the paths: there are dozens."""
         self.whole = np.array([not path.open for path in paths], bool)
         self.refracting = np.array(["R" not in p.events for p in paths], bool)
+
+    def centres(self) -> tuple[np.ndarray, np.ndarray]:
+        """x and y (h, w) of the pixels' centres."""
+        x0, y0, x1, y1 = self.rect
+        return np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
+
+    def at_centres(self):
+        """Of the rays through these what `weights` tells: (P, h, w), (h, w) and (P, h, w)."""
+        x, y = self.centres()
+        found = self.weights(x.ravel(), y.ravel())
+        return tuple(part.reshape(*part.shape[:-1], *x.shape) for part in found)
+
+    def whole_pixels(self) -> np.ndarray:
+        """(P, h, w) bool: pixels that lie wholly in the region where rays take the path."""
+        x, y = self.centres()
+        inside = self.bounded(x.ravel(), y.ravel()).reshape(len(self.paths), *x.shape)
+        return inside & ~border_pixels(inside)
 
     def weights(self, x: np.ndarray, y: np.ndarray):
         """(P, M) weights, (M,) whether the glass is met, (P, M) whether the path is taken."""
@@ -262,16 +277,14 @@ class PathRays:
         return np.concatenate((means, shares)), hit.mean(axis=1)
 
 
-def tints(glass: Glass, view: Viewpoint, regions: Regions, path: optics.LightPath) -> np.ndarray:
+def tints(glass: Glass, view: Viewpoint, path: optics.LightPath) -> np.ndarray:
     """(h, w, 3) what the glass's media let through along a path, for every pixel's centre.
 
     A few pixels beyond the path's region those of the nearest pixels in it.
     """
-    x0, y0, x1, y1 = regions.rect
-    x, y = np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
     rays = PathRays(glass, view, (path,), True)
-    _, _, taken = rays.weights(x.ravel(), y.ravel())
-    known = taken[0].reshape(x.shape)
+    x, y = rays.centres()
+    _, _, (known,) = rays.at_centres()
     found = np.ones((3, *x.shape))
     rows, columns = np.nonzero(known)
     found[:, rows, columns] = rays.transmittance(path, x[known], y[known]).T
@@ -366,8 +379,8 @@ def left_out_pixels(
             listed = optics.light_paths(glass.description, view.eye_for(glass))
             through = [path for path in listed if "R" not in path.events]
             paths = tuple(dict.fromkeys((*paths, *through)))
-        found = path_regions(glass, view, paths, fresnel=fresnel, smooth=False)
-        weights = found.weights[:, found.hit]
+        weights, hit = centre_weights(glass, view, paths, fresnel=fresnel)
+        weights = weights[:, hit]
         brought = weights[[path in kept for path in paths]].sum(axis=0)
         missing = brought < 0.5 if fresnel else (brought == 0.0) & weights.any(axis=0)
         count, left_out = count + missing.size, left_out + int(missing.sum())
@@ -376,8 +389,7 @@ def left_out_pixels(
 
 def _dark_rays(glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool) -> np.ndarray:
     """(M,) of rays through the pixels of a cup: whether most of their light was not followed."""
-    x0, y0, x1, y1 = picture_rect(glass, view)
-    x, y = np.meshgrid(np.arange(x0, x1) + 0.5, np.arange(y0, y1) + 0.5)
+    x, y = PathRays(glass, view, (), fresnel).centres()
     eye, directions = view.rays_in(glass, x.ravel(), y.ravel())
     placed = optics.PlacedGlass(glass.description, np.eye(4))
     ends = optics.exit_rays([placed], eye, directions, min_weight=min_weight)
@@ -413,14 +425,14 @@ def region_masks(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict
         named = bool(paths) and paths[0].interfaces is not None
         if named:
             paths = paths[:MOST_MASKS]
-        found = path_regions(glass, view, paths, exact=True)
-        cover = np.zeros((height, width), bool)
+        found = path_regions(glass, view, paths)
         covered = found.hit if named else found.weights.sum(axis=0) > 0
-        cover |= found.full(covered, view.size)
-        beside &= ~cover
-        for path, inside in zip(found.paths, found.inside, strict=True):
+        beside &= ~in_picture(covered, found.rect, view.size)
+        for path, whole in zip(
+            paths, PathRays(glass, view, paths, True).whole_pixels(), strict=True
+        ):
             mask = masks.setdefault(path_key(path), np.zeros((height, width), bool))
-            mask |= found.full(inside, view.size)
+            mask |= in_picture(whole, found.rect, view.size)
     masks[""] = beside
     return masks
 
@@ -431,9 +443,9 @@ def crossing_counts(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> n
     counts = np.zeros((view.size[1], view.size[0]), int)
     for glass in _closed_forms(depsgraph):
         paths = optics.light_paths(glass.description, view.eye_for(glass))
-        found = path_regions(glass, view, paths, smooth=False)
+        weights, hit = centre_weights(glass, view, paths)
         refractions = np.array([p.events.count("T") for p in paths] or [0])
-        strongest = np.argmax(found.weights, axis=0) if paths else np.zeros(found.hit.shape, int)
-        here = np.where(found.hit, refractions[strongest], 0)
-        counts = np.maximum(counts, found.full(here, view.size))
+        strongest = np.argmax(weights, axis=0) if paths else np.zeros(hit.shape, int)
+        here = np.where(hit, refractions[strongest], 0)
+        counts = np.maximum(counts, in_picture(here, picture_rect(glass, view), view.size))
     return counts

@@ -96,16 +96,8 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
     float t = ((1.0 - next) * low * two.w + next * high * one.w) /
               ((1.0 - next) * two.w + next * one.w);
     float z = z0 + t * z1;
-    if (!behind && max(z, z_before) < range.x) {
-      u = next;
-      u_before = u;
-      z_before = z;
-      over_before = 0.0;
-      shown_before = UNKNOWN;
-      continue;
-    }
     float back = limb > UNKNOWN ? 2.0 * limb - range.x : UNKNOWN;
-    if (behind && min(z, z_before) > max(range.y, back)) {
+    if (behind ? min(z, z_before) > max(range.y, back) : max(z, z_before) < range.x) {
       u = next;
       u_before = u;
       z_before = z;

@@ -13,6 +13,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parent))
+from vertex_points import apparent_points
+
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
 POINTS = 100_000
@@ -103,7 +106,7 @@ def looking(viewpoint, body, eye, kind):
 
 def compare(modules, glass, seed):
     """Largest difference in pixels over eyes, and how often both disagree whether there is one."""
-    optics, description, bending, displaced, viewpoint = modules
+    optics, description, bending, viewpoint = modules
     random = np.random.default_rng(seed)
     body = optics.body(glass)
     # Anywhere in the world, as far off and as turned as scenes have it.
@@ -155,7 +158,7 @@ def compare(modules, glass, seed):
             clip = clip @ (view.projection @ view.to_camera).T
             expected = clip[:, :2] / clip[:, 3:]
             shown = there & (np.abs(expected).max(axis=1) < 1.0) & (clip[:, 3] > 0.0)
-            places, ways, misses = displaced.apparent_points(one, block, local, held, to_world)
+            places, ways, misses = apparent_points(NAME, one, block, local, held, to_world)
             error = np.linalg.norm(0.5 * (places - expected) * SIZE, axis=1)
             length = true.distance[slot, rows] / body.scale
             finite = np.isfinite(ways) & np.isfinite(misses)
@@ -181,7 +184,6 @@ def run():
             part("optics"),
             part("viewport.description"),
             part("viewport.bending"),
-            part("viewport.displaced"),
             part("scene.read.viewpoint").Viewpoint,
         )
         for seed, (name, glass) in enumerate(shapes(modules[0]).items()):

@@ -188,7 +188,8 @@ def differences(optics, description, paint, posed, placed, seed, rows=ROWS, meet
     outside = largest.medium_at(origins) == 0
     shape = (rows, COLUMNS, 3)
     began = time.perf_counter()
-    places, alongs = paint.exit_rays(
+    places, alongs = passes.exit_rays(
+        paint,
         block,
         frame.place(origins).reshape(shape),
         directions.reshape(shape),

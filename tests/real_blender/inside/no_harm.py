@@ -77,6 +77,7 @@ _SKIPPED = {
     ),
     *("is_missing", "is_library_indirect", "runtime", "depsgraph", "is_updated", "is_updated_data"),
     *("bl_system_properties", "use_nodes", "wireframe_color_type", "matrix_world", "matrix_local"),
+    "node_warnings",
     "id_data",
     *(
         "internal_links",
@@ -851,26 +852,30 @@ class Stand:
     """What stands for costly parts that touch no data, and in the control for all that does."""
 
     def __init__(self, at_work):
-        self.door = module("scene.update")
+        door, displaced = module("scene.update"), module("scene.vertices.displaced")
         self.path = module("optics").LightPath
-        self.stand_ins = {"kept_paths": self._paths}
+        self.stand_ins = {
+            (displaced, "kept_paths"): self._paths,
+            (displaced, "open_paths"): lambda *_: (),
+        }
         if not at_work:
             for name in ("prepare", "update", "remove", "withdraw"):
-                self.stand_ins[name] = lambda *_, **__: None
+                self.stand_ins[door, name] = lambda *_, **__: None
 
     def __enter__(self):
-        self.kept = {name: getattr(self.door, name) for name in self.stand_ins}
-        for name, function in self.stand_ins.items():
-            setattr(self.door, name, function)
+        self.kept = {place: getattr(*place) for place in self.stand_ins}
+        for place, function in self.stand_ins.items():
+            setattr(*place, function)
 
     def __exit__(self, *_):
-        for name, function in self.kept.items():
-            setattr(self.door, name, function)
+        for place, function in self.kept.items():
+            setattr(*place, function)
 
     def _paths(self, scene, glass, view):
-        """Two paths of the shape; the optics have tests of their own."""
-        flat = not hasattr(glass.description, "radius")
-        layers = 1 if flat else len(glass.description.radius)
+        """Two paths of the shape; of one that names its interfaces none, for these are slow."""
+        if glass.description.names_interfaces:
+            return ()
+        layers = len(getattr(glass.description, "radius", (0.0,)))
         return tuple(map(self.path, ("TT" if layers == 1 else "TTTT", "R")))
 
 

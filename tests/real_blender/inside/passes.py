@@ -9,6 +9,48 @@ from importlib import import_module
 import gpu
 import numpy as np
 
+AT_ONCE = 3
+"""Ways of which exit rays are written, two textures each: Blender draws into six at once."""
+EXITS = """
+/* Exit rays of the ways from number `wanted` on of the ray in each pixel. */
+vec4 exit_places[AT_ONCE];
+vec4 exit_alongs[AT_ONCE];
+
+void leave(vec3 p, vec3 d, vec4 light, int g, int number)
+{
+  for (int k = 0; k < AT_ONCE; k++) {
+    if (number == wanted + k) {
+      exit_places[k] = vec4(p, light.w);
+      exit_alongs[k] = vec4(d, 0.0);
+    }
+  }
+}
+
+void lose(vec4 light) {}
+bool covered(vec3 p) { return false; }
+bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
+{
+  return false;
+}
+bool touches(vec3 p, vec3 d, vec4 light, int g, int number) { return false; }
+
+void main()
+{
+  for (int k = 0; k < AT_ONCE; k++) {
+    exit_places[k] = exit_alongs[k] = vec4(0.0);
+  }
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
+  vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
+  follow(p, d, starting(false), least, most, true);
+"""
+_EXITS_OUT = (
+    "\n".join(
+        f"  place_{k} = exit_places[{k}];\n  along_{k} = exit_alongs[{k}];" for k in range(AT_ONCE)
+    )
+    + "\n}\n"
+)
+
 
 def _constant(paint, module: str, name: str):
     return getattr(import_module(f".{module}", paint.__package__), name)
@@ -24,10 +66,66 @@ def tiles_of(paint, depths: np.ndarray) -> np.ndarray:
     direct = paint.Direct()
     direct._plain = paint._texture(np.ascontiguousarray(depths, np.float32), "R32F")
     _, target = paint._target((columns, rows), "RGBA32F")
-    direct._fill(target, "tiles", (columns, rows))
+    direct._take_tiles(target, (columns, rows))
     with target.bind():
         read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
+
+
+def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=()):
+    """Exit rays as the shader finds them.
+
+    Parameters
+    ----------
+    block, trees : see `description.pack` and `description.trees_of`.
+    origins, directions : (rows, columns, 3), common frame.
+    ways : how many to return of each ray.
+
+    Returns
+    -------
+    places, alongs : (ways, rows, columns, 4): origin and part of the light, which is 0 where the
+        ray has no such way; direction.
+    """
+    rows, columns, _ = origins.shape
+    size = (columns, rows)
+    inputs = []
+    for values in (origins, directions):
+        filled = np.ones((rows, columns, 4), np.float32)
+        filled[..., :3] = values
+        inputs.append(paint._texture(filled, "RGBA32F"))
+    outputs = [gpu.types.GPUTexture(size, format="RGBA32F") for _ in range(2 * AT_ONCE)]
+    target = gpu.types.GPUFrameBuffer(color_slots=outputs)
+    glsl = import_module(".glsl", paint.__package__)
+    shader = paint.compiled(
+        constants=[("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
+        samplers=["origin_tx", "along_tx"],
+        outputs=[f"{n}_{k}" for k in range(AT_ONCE) for n in ("place", "along")],
+        fragment=f"{glsl.HOOKS}{glsl.FOLLOW}#define AT_ONCE {AT_ONCE}\n{EXITS}{_EXITS_OUT}",
+        glasses=True,
+        meshes=bool(trees),
+    )
+    glasses = paint._uniform(block)
+    mesh = paint.mesh_texture(trees) if trees else None
+    found = np.zeros((2, ways, rows, columns, 4), np.float32)
+    for first in range(0, ways, AT_ONCE):
+        count = min(AT_ONCE, ways - first)
+        with paint.filling(target, size, shader):
+            shader.uniform_block("glasses", glasses)
+            shader.uniform_sampler("origin_tx", inputs[0])
+            shader.uniform_sampler("along_tx", inputs[1])
+            if mesh is not None:
+                shader.uniform_sampler("mesh_tx", mesh)
+            shader.uniform_float("least", least)
+            # Ways come in the same order, wherever it ends.
+            shader.uniform_int("most", first + count)
+            shader.uniform_int("wanted", first)
+        with target.bind():
+            for slot in range(2 * count):
+                data = target.read_color(0, 0, columns, rows, 4, slot, "FLOAT")
+                found[slot % 2, first + slot // 2] = np.asarray(data).reshape(rows, columns, 4)
+        if not found[0, first, ..., 3].any():
+            break
+    return found[0], found[1]
 
 
 def plain_values(paint, values: np.ndarray) -> np.ndarray:
@@ -40,7 +138,8 @@ def plain_values(paint, values: np.ndarray) -> np.ndarray:
     )
     direct.line = (0.0, 1.0, 1.0, 0.0)
     _, target = paint._target((width, height), "RGBA32F")
-    direct._fill(target, "depth", (width, height), amended=True)
+    direct.size = (width, height)
+    direct._take_depths(target, amended=True)
     with target.bind():
         read = target.read_color(0, 0, width, height, 4, 0, "FLOAT")
     return np.asarray(read).reshape(height, width, 4)[..., 0]
