@@ -77,6 +77,9 @@ class ExitRays:
     lost : (M,)
         Share of each ray's light that was not followed to its end. With the weights it adds up to
         1. All of it for a ray that is none (not finite, or without a direction).
+    stuck : (M,)
+        Of `lost`, what was strong enough to be followed after `most_events`: total reflection keeps
+        it in the glasses.
     steps : int
         Steps taken, each with at most one call of `cast` and of `meet`.
     passed_ray, passed : (S,) int32 and (S, 2, 3) float32
@@ -96,6 +99,7 @@ class ExitRays:
     rough: NDArray[np.bool_]
     path: NDArray[np.int64]
     lost: Floats
+    stuck: Floats
     steps: int
     passed_ray: NDArray[np.int32]
     passed: NDArray[np.float32]
@@ -252,8 +256,11 @@ class _Followed:
 
     # ---- one step -----------------------------------------------------------------------
 
-    def step(self, live: _Live, lost: Floats) -> _Live:
-        """The rays behind their next interface; those that end are kept in `rows`."""
+    def step(self, live: _Live, lost: Floats, stuck: Floats) -> _Live:
+        """The rays behind their next interface; those that end are kept in `rows`.
+
+        ``lost``, ``stuck``: of all rays, as `ExitRays` has them; what is lost now is added.
+        """
         self.between()
         self.steps += 1
         met = self.meet(live)
@@ -282,7 +289,7 @@ class _Followed:
             live, met, near = live.take(on), met.take(on), near[on]
         if not len(live):
             return live
-        return self.split(live, met, near, lift, lost)
+        return self.split(live, met, near, lift, lost, stuck)
 
     def _note(self, live: _Live, met: _Met) -> None:
         """Note the stretches of rays up to their next interface."""
@@ -403,7 +410,7 @@ class _Followed:
         free[some] = way + dot(aside, along)
         return np.maximum(free, 0.0)
 
-    def split(self, live: _Live, met: _Met, near, lift, lost: Floats) -> _Live:
+    def split(self, live: _Live, met: _Met, near, lift, lost: Floats, stuck: Floats) -> _Live:
         """The rays behind the interfaces that they met.
 
         `near`: how near interfaces count as touching, `lift`: how far off the interface rays look
@@ -425,8 +432,9 @@ class _Followed:
         seen, dark, through, off = map(_Live.join, parts)
         self.rows += [(seen, np.zeros(len(seen))), (dark, np.full(len(dark), np.inf))]
         for dropped in (stopped, turned_back):
-            rays, weights = (np.concatenate(part) for part in zip(*dropped, strict=True))
+            rays, weights, late = (np.concatenate(part) for part in zip(*dropped, strict=True))
             lost += np.bincount(rays, weights, len(lost))
+            stuck += np.bincount(rays, weights * late, len(lost))
         if self.rough:
             through, off = self._fewer(through), self._fewer(off)
         return _Live.join((through, off))
@@ -468,7 +476,7 @@ class _Followed:
 
     def _split(self, live: _Live, met: _Met, near, lift) -> tuple:
         """Rays that see what touches, that end black, that went through and that were reflected;
-        and (ray, weight) of what is dropped of either of the last."""
+        and (ray, weight, whether it was enough) of what is dropped of either of the last."""
         live.place += met.way * live.direction
         crossing = self._crossing(live, met)
         if self.rough:
@@ -485,9 +493,13 @@ class _Followed:
         events = live.events + ~straight
         least = self._least(live, events, straight)
         weights = live.weight * (1.0 - reflectance), live.weight * reflectance
-        enough = [(weight > least) & (events <= self.most_events) for weight in weights]
+        strong = [weight > least for weight in weights]
+        enough = [part & (events <= self.most_events) for part in strong]
         rest = [np.flatnonzero(~e & (w > 0.0)) for e, w in zip(enough, weights, strict=True)]
-        dropped = [(live.ray[some], w[some]) for some, w in zip(rest, weights, strict=True)]
+        dropped = [
+            (live.ray[some], w[some], s[some])
+            for some, w, s in zip(rest, weights, strong, strict=True)
+        ]
         on, back = (np.flatnonzero(part) for part in enough)
         turned = refracted(direction, normal, cosine, behind, eta)
         turned = np.where(straight, direction, turned)
@@ -881,10 +893,10 @@ def exit_rays(
         between or _go_on,
         stretches,
     )
-    lost = np.where(fit, 0.0, 1.0)
+    lost, stuck = np.where(fit, 0.0, 1.0), np.zeros(total)
     live = followed.start(origins, unit, proper)
     while len(live) and followed.steps < most_events + MOST_STRAIGHT:
-        live = followed.step(live, lost)
+        live = followed.step(live, lost, stuck)
     lost += np.bincount(live.ray, live.weight, total)
     rows = [*followed.rows, (live.take(slice(0, 0)), np.zeros(0))]
     ends = _Live.join([row[0] for row in rows])
@@ -911,6 +923,7 @@ def exit_rays(
         rough=ends.facet >= 0,
         path=ends.path.view(np.int64),
         lost=lost,
+        stuck=stuck,
         steps=followed.steps,
         passed_ray=passed_ray,
         passed=passed,

@@ -236,6 +236,26 @@ def test_light_refracted_to_the_wrong_side_of_a_face_ends_black():
     assert (ends.thing == np.where(black, -1, 0)).all()
 
 
+def test_light_that_total_reflection_keeps_is_told_from_what_is_not_followed():
+    """A light guide without end: what its front does not mirror never leaves it."""
+    calls = []
+
+    def meet(origins, along):
+        calls.append(len(along))
+        normal = np.tile((0.0, 0.0, -1.0), (len(along), 1))
+        way = np.where(along[:, 2] > 0.0, 1.0, np.inf)
+        if len(calls) > 1:
+            normal = np.sign(along) * (1.0, 0.0, 0.0)
+        return np.zeros(len(along), int), way, normal, normal
+
+    along = np.array([(0.75, 0.0, np.sqrt(1.0 - 0.75**2))])
+    ends = optics.exit_rays([optics.PlacedMesh(1.5)], (0.0, 0.0, -1.0), along, meet=meet)
+    mirrored = optics.fresnel(along[0, 2], 1.0 / 1.5)
+    np.testing.assert_allclose(ends.weight, mirrored)
+    np.testing.assert_allclose(ends.lost, 1.0 - mirrored)
+    np.testing.assert_array_equal(ends.stuck, ends.lost)
+
+
 def test_meshes_need_somebody_who_knows_where_they_are():
     with pytest.raises(ValueError, match="meet must tell"):
         optics.exit_rays([optics.PlacedMesh(1.5)], (0, 0, 0), [(0, 0, 1)])
