@@ -518,6 +518,8 @@ def test_a_sun_is_as_bright_as_it_is_and_ends_at_its_border():
 def test_a_sun_as_wide_as_half_the_sky():
     view = view_of(3.0)
     rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view, straight))
-    sun = Sun((0.0, 0.0, -1.0), 0.0, (5.0, 2.0, 1.0))
+    sun = Sun((0.0, 0.0, -1.0), 0.0, (5.0, 2.0, 1.0), (1.0, 0.5))
     light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25)
-    np.testing.assert_allclose(light, np.broadcast_to(sun.radiance, light.shape))
+    # The paths are those of mirrored light.
+    assert rays.ways.is_mirrored.all()
+    np.testing.assert_allclose(light, np.broadcast_to(0.5 * np.array(sun.radiance), light.shape))
