@@ -41,6 +41,10 @@ PLAIN = 6.0
 STRONG = 0.1
 """Part of a ray's light that is followed however long its way is: there are few such ways."""
 
+KEPT = 0.5
+"""Part of a ray's light: what carries more after so many events was let out at none, and will not
+be. Of weaker ways some light left at times, as in a gem, and the rest will."""
+
 MOST_STRAIGHT = 64
 """Interfaces that a ray may pass straight, beside the `most_events` at which it is turned."""
 
@@ -78,8 +82,8 @@ class ExitRays:
         Share of each ray's light that was not followed to its end. With the weights it adds up to
         1. All of it for a ray that is none (not finite, or without a direction).
     stuck : (M,)
-        Of `lost`, what was strong enough to be followed after `most_events`: total reflection keeps
-        it in the glasses.
+        Of `lost`, what total reflection keeps in the glasses: ways that still carry more than
+        `KEPT` after `most_events`.
     steps : int
         Steps taken, each with at most one call of `cast` and of `meet`.
     passed_ray, passed : (S,) int32 and (S, 2, 3) float32
@@ -432,9 +436,9 @@ class _Followed:
         seen, dark, through, off = map(_Live.join, parts)
         self.rows += [(seen, np.zeros(len(seen))), (dark, np.full(len(dark), np.inf))]
         for dropped in (stopped, turned_back):
-            rays, weights, late = (np.concatenate(part) for part in zip(*dropped, strict=True))
+            rays, weights, stays = (np.concatenate(part) for part in zip(*dropped, strict=True))
             lost += np.bincount(rays, weights, len(lost))
-            stuck += np.bincount(rays, weights * late, len(lost))
+            stuck += np.bincount(rays, weights * stays, len(lost))
         if self.rough:
             through, off = self._fewer(through), self._fewer(off)
         return _Live.join((through, off))
@@ -476,7 +480,7 @@ class _Followed:
 
     def _split(self, live: _Live, met: _Met, near, lift) -> tuple:
         """Rays that see what touches, that end black, that went through and that were reflected;
-        and (ray, weight, whether it was enough) of what is dropped of either of the last."""
+        and (ray, weight, whether it is stuck) of what is dropped of either of the last."""
         live.place += met.way * live.direction
         crossing = self._crossing(live, met)
         if self.rough:
@@ -493,12 +497,11 @@ class _Followed:
         events = live.events + ~straight
         least = self._least(live, events, straight)
         weights = live.weight * (1.0 - reflectance), live.weight * reflectance
-        strong = [weight > least for weight in weights]
-        enough = [part & (events <= self.most_events) for part in strong]
+        enough = [(weight > least) & (events <= self.most_events) for weight in weights]
         rest = [np.flatnonzero(~e & (w > 0.0)) for e, w in zip(enough, weights, strict=True)]
         dropped = [
-            (live.ray[some], w[some], s[some])
-            for some, w, s in zip(rest, weights, strong, strict=True)
+            (live.ray[some], w[some], (events[some] > self.most_events) & (w[some] > KEPT))
+            for some, w in zip(rest, weights, strict=True)
         ]
         on, back = (np.flatnonzero(part) for part in enough)
         turned = refracted(direction, normal, cosine, behind, eta)
