@@ -41,9 +41,12 @@ PLAIN = 6.0
 STRONG = 0.1
 """Part of a ray's light that is followed however long its way is: there are few such ways."""
 
-KEPT = 0.5
-"""Part of a ray's light: what carries more after so many events was let out at none, and will not
-be. Of weaker ways some light left at times, as in a gem, and the rest will."""
+KEPT = 32
+"""Total reflections off interpolated normals, one after another, from which on a way is taken never
+to leave its glass. Off the faces' own normals light is reversible: what came in leaves at last."""
+
+OWN = 1e-5
+"""Of a unit vector: interpolated normals nearer to the face's are its own, as rounded."""
 
 MOST_STRAIGHT = 64
 """Interfaces that a ray may pass straight, beside the `most_events` at which it is turned."""
@@ -82,8 +85,8 @@ class ExitRays:
         Share of each ray's light that was not followed to its end. With the weights it adds up to
         1. All of it for a ray that is none (not finite, or without a direction).
     stuck : (M,)
-        Of `lost`, what total reflection keeps in the glasses: ways that still carry more than
-        `KEPT` after `most_events`.
+        Of `lost`, what never leaves the glasses: ways whose last `KEPT` events of `most_events`
+        were total reflections off interpolated normals.
     steps : int
         Steps taken, each with at most one call of `cast` and of `meet`.
     passed_ray, passed : (S,) int32 and (S, 2, 3) float32
@@ -135,7 +138,8 @@ class _Live:
     `facet`: the ray's number among those into which the first rough interface split it, else -1.
     `part`: of all facets, how many it stands for.
     `aside`: (3, L), from where a ray starts to where it looks for things from. `thing`: number of
-    the thing that it met when it last looked, -1 for none.
+    the thing that it met when it last looked, -1 for none. `kept`: how many of its last events
+    were total reflections off interpolated normals.
     """
 
     ray: NDArray[np.intp]
@@ -151,6 +155,7 @@ class _Live:
     part: Floats
     aside: Floats
     thing: NDArray[np.int32]
+    kept: NDArray[np.int8]
 
     def __len__(self) -> int:
         return len(self.ray)
@@ -256,6 +261,7 @@ class _Followed:
             part=np.ones(count),
             aside=np.zeros((3 if self.cast is not None else 0, count)),
             thing=np.full(count, -1, dtype=np.int32),
+            kept=np.zeros(count, dtype=np.int8),
         )
 
     # ---- one step -----------------------------------------------------------------------
@@ -497,17 +503,20 @@ class _Followed:
         events = live.events + ~straight
         least = self._least(live, events, straight)
         weights = live.weight * (1.0 - reflectance), live.weight * reflectance
+        stays = (reflectance == 1.0) & (np.abs(normal - flat).max(axis=0) > OWN)
+        kept = np.where(straight | stays, live.kept + ~straight, 0)
+        kept = np.minimum(kept, KEPT).astype(np.int8)
         enough = [(weight > least) & (events <= self.most_events) for weight in weights]
         rest = [np.flatnonzero(~e & (w > 0.0)) for e, w in zip(enough, weights, strict=True)]
         dropped = [
-            (live.ray[some], w[some], (events[some] > self.most_events) & (w[some] > KEPT))
+            (live.ray[some], w[some], (events[some] > self.most_events) & (kept[some] == KEPT))
             for some, w in zip(rest, weights, strict=True)
         ]
         on, back = (np.flatnonzero(part) for part in enough)
         turned = refracted(direction, normal, cosine, behind, eta)
         turned = np.where(straight, direction, turned)
         sunk = self._sunk(turned, flat, straight)
-        live.events = events
+        live.events, live.kept = events, kept
         beyond = {"medium": met.after, "entered": crossing.entered}
         through = self._child(live, on, direction=turned, weight=weights[0], **beyond)
         off = self._child(live, back, weight=weights[1])
