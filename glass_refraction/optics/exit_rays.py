@@ -41,6 +41,13 @@ PLAIN = 6.0
 STRONG = 0.1
 """Part of a ray's light that is followed however long its way is: there are few such ways."""
 
+KEPT = 32
+"""Total reflections off interpolated normals, one after another, from which on a way is taken never
+to leave its glass. Off the faces' own normals light is reversible: what came in leaves at last."""
+
+OWN = 1e-5
+"""Of a unit vector: interpolated normals nearer to the face's are its own, as rounded."""
+
 MOST_STRAIGHT = 64
 """Interfaces that a ray may pass straight, beside the `most_events` at which it is turned."""
 
@@ -77,6 +84,9 @@ class ExitRays:
     lost : (M,)
         Share of each ray's light that was not followed to its end. With the weights it adds up to
         1. All of it for a ray that is none (not finite, or without a direction).
+    stuck : (M,)
+        Of `lost`, what never leaves the glasses: ways whose last `KEPT` events of `most_events`
+        were total reflections off interpolated normals.
     steps : int
         Steps taken, each with at most one call of `cast` and of `meet`.
     passed_ray, passed : (S,) int32 and (S, 2, 3) float32
@@ -96,6 +106,7 @@ class ExitRays:
     rough: NDArray[np.bool_]
     path: NDArray[np.int64]
     lost: Floats
+    stuck: Floats
     steps: int
     passed_ray: NDArray[np.int32]
     passed: NDArray[np.float32]
@@ -127,7 +138,8 @@ class _Live:
     `facet`: the ray's number among those into which the first rough interface split it, else -1.
     `part`: of all facets, how many it stands for.
     `aside`: (3, L), from where a ray starts to where it looks for things from. `thing`: number of
-    the thing that it met when it last looked, -1 for none.
+    the thing that it met when it last looked, -1 for none. `kept`: how many of its last events
+    were total reflections off interpolated normals.
     """
 
     ray: NDArray[np.intp]
@@ -143,6 +155,7 @@ class _Live:
     part: Floats
     aside: Floats
     thing: NDArray[np.int32]
+    kept: NDArray[np.int8]
 
     def __len__(self) -> int:
         return len(self.ray)
@@ -248,12 +261,16 @@ class _Followed:
             part=np.ones(count),
             aside=np.zeros((3 if self.cast is not None else 0, count)),
             thing=np.full(count, -1, dtype=np.int32),
+            kept=np.zeros(count, dtype=np.int8),
         )
 
     # ---- one step -----------------------------------------------------------------------
 
-    def step(self, live: _Live, lost: Floats) -> _Live:
-        """The rays behind their next interface; those that end are kept in `rows`."""
+    def step(self, live: _Live, lost: Floats, stuck: Floats) -> _Live:
+        """The rays behind their next interface; those that end are kept in `rows`.
+
+        ``lost``, ``stuck``: of all rays, as `ExitRays` has them; what is lost now is added.
+        """
         self.between()
         self.steps += 1
         met = self.meet(live)
@@ -282,7 +299,7 @@ class _Followed:
             live, met, near = live.take(on), met.take(on), near[on]
         if not len(live):
             return live
-        return self.split(live, met, near, lift, lost)
+        return self.split(live, met, near, lift, lost, stuck)
 
     def _note(self, live: _Live, met: _Met) -> None:
         """Note the stretches of rays up to their next interface."""
@@ -403,7 +420,7 @@ class _Followed:
         free[some] = way + dot(aside, along)
         return np.maximum(free, 0.0)
 
-    def split(self, live: _Live, met: _Met, near, lift, lost: Floats) -> _Live:
+    def split(self, live: _Live, met: _Met, near, lift, lost: Floats, stuck: Floats) -> _Live:
         """The rays behind the interfaces that they met.
 
         `near`: how near interfaces count as touching, `lift`: how far off the interface rays look
@@ -425,8 +442,9 @@ class _Followed:
         seen, dark, through, off = map(_Live.join, parts)
         self.rows += [(seen, np.zeros(len(seen))), (dark, np.full(len(dark), np.inf))]
         for dropped in (stopped, turned_back):
-            rays, weights = (np.concatenate(part) for part in zip(*dropped, strict=True))
+            rays, weights, stays = (np.concatenate(part) for part in zip(*dropped, strict=True))
             lost += np.bincount(rays, weights, len(lost))
+            stuck += np.bincount(rays, weights * stays, len(lost))
         if self.rough:
             through, off = self._fewer(through), self._fewer(off)
         return _Live.join((through, off))
@@ -468,7 +486,7 @@ class _Followed:
 
     def _split(self, live: _Live, met: _Met, near, lift) -> tuple:
         """Rays that see what touches, that end black, that went through and that were reflected;
-        and (ray, weight) of what is dropped of either of the last."""
+        and (ray, weight, whether it is stuck) of what is dropped of either of the last."""
         live.place += met.way * live.direction
         crossing = self._crossing(live, met)
         if self.rough:
@@ -485,14 +503,20 @@ class _Followed:
         events = live.events + ~straight
         least = self._least(live, events, straight)
         weights = live.weight * (1.0 - reflectance), live.weight * reflectance
+        stays = (reflectance == 1.0) & (np.abs(normal - flat).max(axis=0) > OWN)
+        kept = np.where(straight | stays, live.kept + ~straight, 0)
+        kept = np.minimum(kept, KEPT).astype(np.int8)
         enough = [(weight > least) & (events <= self.most_events) for weight in weights]
         rest = [np.flatnonzero(~e & (w > 0.0)) for e, w in zip(enough, weights, strict=True)]
-        dropped = [(live.ray[some], w[some]) for some, w in zip(rest, weights, strict=True)]
+        dropped = [
+            (live.ray[some], w[some], (events[some] > self.most_events) & (kept[some] == KEPT))
+            for some, w in zip(rest, weights, strict=True)
+        ]
         on, back = (np.flatnonzero(part) for part in enough)
         turned = refracted(direction, normal, cosine, behind, eta)
         turned = np.where(straight, direction, turned)
         sunk = self._sunk(turned, flat, straight)
-        live.events = events
+        live.events, live.kept = events, kept
         beyond = {"medium": met.after, "entered": crossing.entered}
         through = self._child(live, on, direction=turned, weight=weights[0], **beyond)
         off = self._child(live, back, weight=weights[1])
@@ -881,10 +905,10 @@ def exit_rays(
         between or _go_on,
         stretches,
     )
-    lost = np.where(fit, 0.0, 1.0)
+    lost, stuck = np.where(fit, 0.0, 1.0), np.zeros(total)
     live = followed.start(origins, unit, proper)
     while len(live) and followed.steps < most_events + MOST_STRAIGHT:
-        live = followed.step(live, lost)
+        live = followed.step(live, lost, stuck)
     lost += np.bincount(live.ray, live.weight, total)
     rows = [*followed.rows, (live.take(slice(0, 0)), np.zeros(0))]
     ends = _Live.join([row[0] for row in rows])
@@ -911,6 +935,7 @@ def exit_rays(
         rough=ends.facet >= 0,
         path=ends.path.view(np.int64),
         lost=lost,
+        stuck=stuck,
         steps=followed.steps,
         passed_ray=passed_ray,
         passed=passed,

@@ -236,6 +236,27 @@ def test_light_refracted_to_the_wrong_side_of_a_face_ends_black():
     assert (ends.thing == np.where(black, -1, 0)).all()
 
 
+@pytest.mark.parametrize("tilt", [0.0, 1e-3])
+def test_light_that_interpolated_normals_keep_is_told_from_what_is_not_followed(tilt):
+    """A light guide without end: off its own normals light comes to where it ends some time."""
+    calls = []
+
+    def meet(origins, along):
+        calls.append(len(along))
+        normal = np.tile((0.0, 0.0, -1.0), (len(along), 1))
+        way = np.where(along[:, 2] > 0.0, 1.0, np.inf)
+        if len(calls) > 1:
+            normal = np.sign(along) * (1.0, 0.0, 0.0)
+        return np.zeros(len(along), int), way, normal, normal + np.array((0.0, tilt, 0.0))
+
+    along = np.array([(0.75, 0.0, np.sqrt(1.0 - 0.75**2))])
+    ends = optics.exit_rays([optics.PlacedMesh(1.5)], (0.0, 0.0, -1.0), along, meet=meet)
+    mirrored = optics.fresnel(along[0, 2], 1.0 / 1.5)
+    np.testing.assert_allclose(ends.weight, mirrored, rtol=1e-2)
+    np.testing.assert_allclose(ends.lost, 1.0 - mirrored, rtol=1e-3)
+    np.testing.assert_array_equal(ends.stuck, ends.lost * (tilt > 0.0))
+
+
 def test_meshes_need_somebody_who_knows_where_they_are():
     with pytest.raises(ValueError, match="meet must tell"):
         optics.exit_rays([optics.PlacedMesh(1.5)], (0, 0, 0), [(0, 0, 1)])

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 import scenes
+from mathutils import Vector
 
 from glass_refraction import optics
 from glass_refraction.scene.names import RefractiveGlassError
@@ -130,9 +131,31 @@ def test_impossible_glass_names_object_and_field(socket, value, word):
     assert word in str(error.value).lower()
 
 
-@pytest.mark.parametrize("scale", [(1.0, 1.0, 2.0), (-1.0, 1.0, 1.0), (0.0, 0.0, 0.0)])
-def test_uneven_or_mirrored_scale_is_refused(scale):
-    obj = scenes.glass(shape="CYLINDER")
+@pytest.mark.parametrize("scale", [(-2.0, 2.0, 2.0), (2.0, 2.0, -2.0), (-2.0, -2.0, -2.0)])
+def test_a_mirrored_glass_with_an_axis_is_where_its_points_are(scale):
+    obj = scenes.glass(shape="CYLINDER", radius=0.04, height=0.1)
+    obj.scale, obj.rotation_euler, obj.location = scale, (0.3, 0.4, 0.5), (0.1, 0.2, 0.3)
+    bpy.context.view_layer.update()
+    found = _read(obj)
+    assert np.linalg.det(found.to_world[:3, :3]) == pytest.approx(1.0)
+    assert found.description.radius[0] == pytest.approx(0.08)
+    # As the object has them: its axis stays where it is.
+    for z in (0.0, 0.1):
+        there = obj.matrix_world @ Vector((0.0, 0.0, z))
+        np.testing.assert_allclose(found.to_world @ (0, 0, 2 * z, 1), (*there, 1), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("shape", "scale"),
+    [
+        ("CYLINDER", (1.0, 1.0, 2.0)),
+        ("CYLINDER", (-1.0, 1.0, 2.0)),
+        ("SLAB", (-1.0, 1.0, 1.0)),
+        ("CYLINDER", (0.0, 0.0, 0.0)),
+    ],
+)
+def test_uneven_scale_and_a_mirrored_slab_are_refused(shape, scale):
+    obj = scenes.glass(shape=shape)
     obj.scale = scale
     bpy.context.view_layer.update()
     with pytest.raises(RefractiveGlassError, match="scale"):

@@ -462,8 +462,10 @@ def sun_light(
         for seen, some in ((_disc_in_cone, near[large]), (_bell_in_cone, near[~large])):
             if len(some):
                 axes = [slope[some] for slope in slopes]
-                part = seen(sun, ways.direction[sky[some]], *axes)
-                out[sky[some]] += clamp.limited(sun.radiance, ways.take(sky[some]), part)
+                here = ways.take(sky[some])
+                factor = np.take(sun.factors, here.path & 1)
+                part = seen(sun, here.direction, *axes)
+                out[sky[some]] += clamp.limited(factor[:, None] * sun.radiance, here, part)
     return out
 
 

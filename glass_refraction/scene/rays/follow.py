@@ -60,8 +60,11 @@ class Passed(Columns):
 
 
 class Block(NamedTuple):
-    """Pixels (N,), numbers rising, the ways of as many rays in each, pixel by pixel, of each ray
-    the part of its light that is not in them, and what it passed if things matter there."""
+    """Pixels (N,), numbers rising, the ways of as many rays in each, pixel by pixel, and what these
+    passed if things matter there.
+
+    ``lost``: (R, 2) parts of each ray's light that are in no way: all, and what of it total
+    reflection keeps in the glasses."""
 
     pixels: np.ndarray
     ways: Ways
@@ -87,9 +90,9 @@ class Block(NamedTuple):
         return rows, number[pixel[rows]] * count + ray[rows]
 
     def lost_of(self, pixels: np.ndarray, count: int) -> np.ndarray:
-        """The light that is lost of each ray in some of its pixels."""
-        lost = self.lost.reshape(-1, count)
-        return lost[np.searchsorted(self.pixels, pixels)].ravel()
+        """The light that is lost of each ray in some of its pixels, as ``lost`` has it."""
+        lost = self.lost.reshape(-1, count, 2)
+        return lost[np.searchsorted(self.pixels, pixels)].reshape(-1, 2)
 
     def still(self, boxes: Boxes, number: np.ndarray, margin: float, apart: bool) -> Block:
         """What it has that no thing changed which moved in boxes.
@@ -268,10 +271,10 @@ class Follower:
             rows, ray = whole.rows_of(whole.ways.ray, part, len(places))
             lost = whole.lost_of(part, len(places))
             if self._apart:
-                met = lost > 0.0
+                met = lost[:, 0] > 0.0
                 met[ray] = True
                 seen = self._unhidden(met, part, places)
-                rows, ray, lost = rows[seen[ray]], ray[seen[ray]], lost * seen
+                rows, ray, lost = rows[seen[ray]], ray[seen[ray]], lost * seen[:, None]
             lost, dark = apart_from_dark(lost)
             some = unsettled(whole.ways, rows, ray, lost, part, settled)
             if self._apart:
@@ -295,7 +298,7 @@ class Follower:
         things = not self._apart
         origins, directions = self._rays(pixels, places)
         counters["exit_rays"] += len(origins)
-        parts, passed, lost = [], [], np.zeros(len(origins))
+        parts, passed, lost = [], [], np.zeros((len(origins), 2))
         # A pixel's centre, alone, is the first of its samples.
         sample = np.arange(len(places)) + (len(places) > 1)
         for number, (colour, placed) in enumerate(self.bands):
@@ -320,7 +323,7 @@ class Follower:
             weight = ends.weight[met]
             # Apart from the glasses, things are looked for where it is needed.
             distance = ends.distance[met] if things else np.full(len(met), np.nan)
-            lost += ends.lost * share
+            lost += np.stack((ends.lost, ends.stuck), axis=1) * share
             parts.append(
                 Ways(
                     ends.ray[met].astype(np.int32),
@@ -484,9 +487,13 @@ def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def apart_from_dark(lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Parts (M,) of rays' light, lost in all: what was not followed, what stays in the glasses."""
-    dark = np.where(lost > 1.0 - ENOUGH, lost, 0.0)
-    return lost - dark, dark
+    """Parts (M,) of rays' light, lost (M, 2): what was not followed, what stays in the glasses.
+
+    Where no way was followed to its end, all stays.
+    """
+    whole, stuck = lost.T
+    dark = np.where(whole > 1.0 - ENOUGH, whole, stuck)
+    return whole - dark, dark
 
 
 def unsettled(
@@ -551,5 +558,5 @@ def _merged(old: Block, new: Block, count: int) -> Block:
     ways = merged(Ways, old.ways, new.ways)
     # Rows of one ray stay side by side, in their order.
     ways = ways.take(np.argsort(ways.ray, kind="stable"))
-    lost = np.concatenate((old.lost, new.lost)).reshape(-1, count)[order]
-    return Block(pixels[order], ways, lost.ravel(), merged(Passed, old.passed, new.passed))
+    lost = np.concatenate((old.lost, new.lost)).reshape(-1, count, 2)[order]
+    return Block(pixels[order], ways, lost.reshape(-1, 2), merged(Passed, old.passed, new.passed))

@@ -26,11 +26,13 @@ BALL_ROWS, BALL_COLUMNS = 12, 24
 
 @dataclass(frozen=True)
 class Sun:
-    """A disc of the sky: unit direction (3,) towards it, cosine of its half angle, radiance."""
+    """A disc of the sky: unit direction (3,) towards it, cosine of its half angle, radiance, and
+    `lamp_factors`."""
 
     towards: tuple[float, float, float]
     cosine: float
     radiance: tuple[float, float, float]
+    factors: tuple[float, float] = (1.0, 1.0)
 
 
 def lamp_power(light: bpy.types.Light, engine: str) -> np.ndarray:
@@ -44,6 +46,14 @@ def lamp_power(light: bpy.types.Light, engine: str) -> np.ndarray:
             strength = float(emission.inputs["Strength"].default_value)
             colour = colour * np.array(emission.inputs["Color"].default_value[:3]) * strength
     return colour * float(light.energy) * 2.0 ** float(getattr(light, "exposure", 0.0))
+
+
+def lamp_factors(light: bpy.types.Light, engine: str) -> tuple[float, float]:
+    """By what a lamp's light is multiplied that comes through a glass, and that one mirrors: in
+    EEVEE its *Transmission* and *Specular*."""
+    if engine == "BLENDER_EEVEE":
+        return float(light.transmission_factor), float(light.specular_factor)
+    return 1.0, 1.0
 
 
 def lamp_is_normalised(light: bpy.types.Light) -> bool:
@@ -64,7 +74,8 @@ def sun_of(light: bpy.types.Light, to_world: np.ndarray, engine: str) -> Sun | N
     radiance = lamp_power(light, engine)
     if lamp_is_normalised(light):
         radiance = radiance / (np.pi * np.sin(min(half, 0.5 * np.pi)) ** 2)
-    return Sun(tuple(float(part) for part in axis), float(np.cos(half)), _radiance(radiance))
+    towards = tuple(float(part) for part in axis)
+    return Sun(towards, float(np.cos(half)), _radiance(radiance), lamp_factors(light, engine))
 
 
 def lamp_shape(light: bpy.types.Light, to_world: np.ndarray, engine: str):
@@ -78,7 +89,8 @@ def lamp_shape(light: bpy.types.Light, to_world: np.ndarray, engine: str):
     if lamp_is_normalised(light):
         radiance = radiance / size
     beam = beam_of(light, to_world, engine)
-    look = Look((0.0, 0.0, 0.0), _radiance(radiance), True, False, faces, beam)
+    factors = lamp_factors(light, engine)
+    look = Look((0.0, 0.0, 0.0), _radiance(radiance), True, False, faces, beam, factors=factors)
     return points, corners, look
 
 

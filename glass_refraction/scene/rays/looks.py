@@ -40,6 +40,7 @@ class Look:
     reflectance : part of the light that it mirrors where it is seen squarely.
     faces : 1: it gives light on the side of its normals only; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
+    factors : of its light that comes through a glass, and that one mirrors.
     """
 
     albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
@@ -55,6 +56,7 @@ class Look:
     is_of_cameras: bool = False
     is_mirror: bool = False
     reflectance: float = DIELECTRIC
+    factors: tuple[float, float] = (1.0, 1.0)
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """(K,) how bright it is, over its radiance, for ways that meet it.

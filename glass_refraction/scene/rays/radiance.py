@@ -65,8 +65,9 @@ def known_light(things: Things, normals: np.ndarray, sky: Sky, ways: Ways) -> np
     out[some] = radiance[surface]
     for number in np.unique(surface):
         here = np.flatnonzero(surface == number)
-        directions = ways.direction[some[here]]
-        out[some[here]] *= things.looks[number].lights(normals[triangle[here]], directions)[:, None]
+        look, rows = things.looks[number], some[here]
+        part = look.lights(normals[triangle[here]], ways.direction[rows])
+        out[rows] *= (part * np.take(look.factors, ways.path[rows] & 1))[:, None]
     return out
 
 

@@ -83,7 +83,7 @@ def read_things(
     Parameters
     ----------
     left_out : names of objects that no ray meets here: glasses, of other scenes too.
-    mirrors : names of the glasses, whose light linking counts for lamps.
+    mirrors : names of the glasses, whose light linking counts for lamps and softboxes.
     engine : of the render; Workbench is lit by no lamps.
     """
     builder = _Builder()
@@ -101,7 +101,9 @@ def read_things(
             continue
         look = hole_look if owner.holdout_get(view_layer=depsgraph.view_layer) else look_of
         if not (obj.visible_camera and owner.visible_camera):
-            if engine == "BLENDER_WORKBENCH" or not (obj.visible_glossy and owner.visible_glossy):
+            if engine == "BLENDER_WORKBENCH" or not (
+                obj.visible_glossy and is_mirrored(owner, mirrors)
+            ):
                 continue
             look = softbox_look
         if engine == "CYCLES" and not (obj.visible_transmission and owner.visible_transmission):

@@ -378,8 +378,8 @@ def read_glass(
     Raises
     ------
     RefractiveGlassError
-        Sheared, unevenly scaled or mirrored object (a mesh may be), impossible sizes or ior, no
-        flat outline; a mesh without faces or of points that are no numbers.
+        Sheared or unevenly scaled object (a mesh may be), mirrored slab, impossible sizes or ior,
+        no flat outline; a mesh without faces or of points that are no numbers.
     """
     evaluated = obj.evaluated_get(depsgraph)
     modifier = glass_modifier(evaluated)
@@ -391,6 +391,9 @@ def read_glass(
         return _read_mesh(
             evaluated, depsgraph, to_world, lambda: placed_triangles(mesh, to_world, known)
         )
+    if shape != "Slab" and np.linalg.det(to_world[:3, :3]) < 0.0:
+        # What is turned round an axis is its own mirror image.
+        to_world = to_world * (-1.0, 1.0, 1.0, 1.0)
     pose, scale = rigid_pose(to_world, obj.name)
     size = {
         key: float(read_input(modifier, name)) * scale

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which objects a lamp lights, and is mirrored in."""
+"""Which objects a lamp or softbox lights, and is mirrored in."""
 
 from __future__ import annotations
 

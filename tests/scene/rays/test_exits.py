@@ -70,8 +70,8 @@ class Following:
         pixel = np.repeat(pixels, len(places))
         x, y = np.tile(places, (len(pixels), 1)).T
         rays = self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y)
-        ways, lost = self._follow(*rays)
-        lost, dark = apart_from_dark(lost)
+        ways, lost, stuck = (*self._follow(*rays), np.zeros(len(rays[0])))[:3]
+        lost, dark = apart_from_dark(np.stack((lost, stuck), axis=1))
         rows = unsettled(ways, np.arange(len(ways)), ways.ray, lost, pixels, settled)
         yield pixels, ways.take(rows), lost, dark
 
@@ -209,6 +209,19 @@ def test_rays_of_which_no_way_was_followed_are_dark_and_cover_their_pixel():
     rays = centre_rays(np.arange(10), Following(view_of(), follow))
     np.testing.assert_array_equal(rays.dark, np.arange(10) < 4)
     np.testing.assert_array_equal(rays.ways.weight, 1.0)
+
+
+def test_what_total_reflection_keeps_is_no_light_of_other_ways():
+    """Of the other half, which nobody followed, they bring what they bring of their own."""
+
+    def follow(origins, directions):
+        ways, _ = straight(origins, directions)
+        count = np.ones(len(origins))
+        return ways.scaled(0.3 * count), 0.7 * count, 0.4 * count
+
+    rays = centre_rays(np.arange(10), Following(view_of(), follow))
+    np.testing.assert_allclose(rays.dark, 0.4)
+    np.testing.assert_allclose(rays.ways.weight, 0.6)
 
 
 @pytest.mark.parametrize("wide", [1, 9])
@@ -505,6 +518,8 @@ def test_a_sun_is_as_bright_as_it_is_and_ends_at_its_border():
 def test_a_sun_as_wide_as_half_the_sky():
     view = view_of(3.0)
     rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view, straight))
-    sun = Sun((0.0, 0.0, -1.0), 0.0, (5.0, 2.0, 1.0))
+    sun = Sun((0.0, 0.0, -1.0), 0.0, (5.0, 2.0, 1.0), (1.0, 0.5))
     light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25)
-    np.testing.assert_allclose(light, np.broadcast_to(sun.radiance, light.shape))
+    # The paths are those of mirrored light.
+    assert rays.ways.is_mirrored.all()
+    np.testing.assert_allclose(light, np.broadcast_to(0.5 * np.array(sun.radiance), light.shape))

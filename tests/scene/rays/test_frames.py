@@ -1128,6 +1128,12 @@ def test_a_softbox_that_cameras_do_not_see_is_mirrored(tmp_path):
     softbox.visible_glossy = False
     without = scenes.picture(scene, tmp_path, "without")
     assert (found - without).max() > 0.1
+    # Nor is one that lights other things only.
+    softbox.visible_glossy = True
+    others = softbox.light_linking.receiver_collection = bpy.data.collections.new("Others")
+    others.objects.link(bpy.data.objects["Wall"])
+    np.testing.assert_array_equal(scenes.picture(scene, tmp_path, "linked"), without)
+    _against_cycles(scene, tmp_path, 25.0)
 
 
 def test_a_world_that_the_view_layer_leaves_out_is_not_in_the_glass(tmp_path):

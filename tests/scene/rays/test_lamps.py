@@ -148,6 +148,16 @@ def test_only_cycles_knows_spread_and_lamps_nodes():
     np.testing.assert_allclose(look.radiance, plain)
 
 
+@pytest.mark.parametrize("kind", ["AREA", "SUN"])
+def test_eevee_multiplies_what_is_mirrored_of_a_lamp_and_what_comes_through(kind):
+    size = {"angle": 0.1} if kind == "SUN" else {"size": 1.0}
+    light = _lamp(kind, specular_factor=0.25, transmission_factor=0.5, **size)
+    for engine, wanted in ("BLENDER_EEVEE", (0.5, 0.25)), ("CYCLES", (1.0, 1.0)):
+        found = (sun_of if kind == "SUN" else lamp_shape)(light, POSE, engine)
+        look = found if kind == "SUN" else found[2]
+        assert look.factors == wanted
+
+
 def test_cycles_shows_what_a_lamps_nodes_emit(tmp_path):
     light = _lamp("AREA", size=1.0)
     _emission(light, (0.5, 0.2, 0.1), 3.0)

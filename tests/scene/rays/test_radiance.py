@@ -132,6 +132,13 @@ def test_lamps_and_sky_give_their_own_light():
     )
 
 
+def test_a_lamps_light_is_multiplied_by_whether_it_is_mirrored():
+    things = _things(Look((0, 0, 0), (4.0, 4.0, 4.0), True, factors=(0.5, 0.25)))
+    ways = _ways(np.zeros((2, 3)), [0, 0], path=[2, 3])
+    found = known_light(things, np.array([(0, 0, -1.0)]), Sky(None), ways)
+    np.testing.assert_array_equal(found[:, 0], [2.0, 1.0])
+
+
 def _scene(things, normals=None):
     scene = Scene(None, things, Sky(None))
     if normals is not None:
