@@ -89,6 +89,7 @@ SETTLED = 2
 """Redraws in a row without a material being compiled, after which an engine shows no stand-ins.
 What was compiled is taken up between redraws: the first one may still have shown some."""
 EDGES = "Edges in Viewport"
+BLIND = "By Cycles the glasses here show only what this view sees; Material Preview shows all"
 LINE_SIZE, LINE_HEIGHT = 12.0, 24.0
 """Of the line of text: its size, and how high it stands in the middle, pixels. To the left of it is
 Blender's panel of the last operation."""
@@ -132,6 +133,8 @@ class _View:
         """The direct picture was read after the engine had refined it; the next redraw reads it."""
         self.refinements = 0
         """Redraws since something moved: each shows a sample more of the engine's."""
+        self.is_blind = False
+        """Nothing can draw captures."""
         self.is_own = False
         """The next redraw is only to show what was drawn."""
         self.settled = 0
@@ -158,7 +161,11 @@ class _View:
             return self.failure
         if self.model.meshes.waits:
             return self.model.meshes.line
-        if self.captures is None or self.final or not self.model.is_shown:
+        if self.captures is None or not self.model.is_shown:
+            return ""
+        if self.is_blind:
+            return BLIND
+        if self.final:
             return ""
         done, total = self.captures.total - self.captures.left, self.captures.total
         if done < total:
@@ -298,7 +305,7 @@ def _after_view() -> None:
 
 
 def _draw(view: _View, context: bpy.types.Context) -> None:
-    from .capture import Captures
+    from .capture import Captures, drawn_as
     from .displaced import Displaced
     from .paint import Painter
 
@@ -344,6 +351,10 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         if displaces:
             view.displaced.arrange(layer, space, model.glasses)
         model.key = key
+    is_blind = drawn_as(scene, space) is None
+    if view.is_blind and not is_blind:
+        view.stamp = ()
+    view.is_blind = is_blind
     # Much is evaluated anew of which nothing can be seen.
     seen = (told.seen, model.signature())
     if view.stamp[:2] != (seen, looks) and model.is_shown:

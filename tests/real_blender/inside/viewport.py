@@ -101,6 +101,8 @@ def camera_frame(area):
 
 
 def flat_view(area, kind):
+    # A selected glass shows its lines.
+    bpy.ops.object.select_all(action="DESELECT")
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     # Without overlays EEVEE writes no depths; what they show lies beside the eraser.
@@ -303,7 +305,12 @@ def rendered_by_cycles():
     area.tag_redraw()
     yield from rest()
     result["cycles"]["in_vain"] = module().counters["faces"] - faces
+    result["cycles"]["lines"] = [view.line()]
     capture._hidden_space = hidden
+    area.tag_redraw()
+    yield from rest()
+    result["cycles"]["lines"].append(view.line())
+    result["cycles"]["in_time"] = module().counters["faces"] - faces
     cycles.engine.create, scene.render.engine = create, engine
     flat_view(area, "SOLID")
     yield from rest()
@@ -381,7 +388,6 @@ def lines():
     (area,) = areas()
     space = area.spaces.active
     flat_view(area, "SOLID")
-    bpy.ops.object.select_all(action="DESELECT")
     result["lines"] = yield from pixels_of_overlays(area, "viewport_lines")
     matrices, clip_end = space.region_3d, space.clip_end
     # Overlays draw lines nearer by a part of the depth that a parallel view has room for.
@@ -454,7 +460,6 @@ def instances():
     (area,) = areas()
     flat_view(area, "SOLID")
     area.spaces.active.overlay.show_overlays, area.spaces.active.overlay.show_text = True, False
-    bpy.ops.object.select_all(action="DESELECT")
     scene, layer = bpy.context.scene, bpy.context.view_layer
     glass, by = bpy.data.objects["Glass"], Vector((0.02, 0.0, 0.0))
     homes = list(glass.users_collection)
