@@ -117,7 +117,8 @@ MAIN = source("main")
 
 PICTURE = HOOKS + SMOOTH + FOLLOW + LOOKUP + MAIN
 
-# For tests: the depth that counts for places between pixels, and that of an edge to their left.
+# For tests: the depth that counts for places between pixels, that of an edge to their left, that of
+# a surface that goes on, and the one that counts for places of a capture.
 BETWEEN = HOOKS + SMOOTH + FOLLOW + LOOKUP + source("between")
 
 EXITS_AT_ONCE = 3
