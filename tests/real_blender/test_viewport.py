@@ -108,6 +108,11 @@ def test_a_view_by_cycles_for_which_nothing_draws_captures_says_so(found):
     assert seen["in_time"] >= 6
 
 
+def test_a_view_by_cycles_shows_its_glass_before_its_captures_are_there(found):
+    """Cycles begins with an empty picture, and the glass of that was shown: a dark block."""
+    assert found["cycles"]["traces"] > 2
+
+
 def test_a_camera_that_moves_has_no_capture_drawn_anew(found):
     assert found["moved_camera"]["faces"] == 0
 

@@ -284,9 +284,14 @@ def rendered_by_cycles():
     create, begun = cycles.engine.create, []
     cycles.engine.create = lambda *given, **named: (begun.append(1), create(*given, **named))[1]
     flat_view(area, "RENDERED")
-    before = settings_of_views()
-    yield from rest()
+    before, traces = settings_of_views(), module().counters["traces"]
     (view,) = [v for v in module()._views.values() if v.captures]
+    for _ in range(REST_SECONDS):
+        yield 0.1
+        if view.is_threaded and not view.captures.left:
+            break
+    traces = module().counters["traces"] - traces
+    yield from rest()
     captures = view.captures
     target = gpu.types.GPUFrameBuffer(color_slots=[captures.textures[0]])
     with target.bind():
@@ -296,6 +301,7 @@ def rendered_by_cycles():
         "captured": float(colours.mean()),
         "depths": capture_depths(),
         "begun": len(begun),
+        "traces": traces,
         "as_before": settings_of_views() == before,
     }
     # Nothing can be drawn where no view is hidden.
