@@ -149,7 +149,7 @@ void main()
 }
 """
 
-# Edges and points of glasses, whose depths tell where an overlay drew them. `begin`, 0 or 1: all
+# Edges of glasses, whose depths tell where an overlay drew them. `begin`, 0 or 1: all
 # that is drawn with 1 lies behind all that is drawn with 0.
 WIRES_VERTEX = source("wires_vertex")
 
