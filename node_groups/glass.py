@@ -274,7 +274,7 @@ def _nothing(b: TreeBuilder):
 
 
 def _edges(b: TreeBuilder, mesh):
-    """The mesh's sharp edges, as lines, and those that are lines already."""
+    """The mesh's sharp edges and those that are lines already, as lines; of none its box."""
     angle = b.node("InputMeshEdgeAngle")
     soft = b.node("FunctionNodeCompare", data_type="FLOAT", operation="LESS_EQUAL")
     b.link(angle.outputs["Unsigned Angle"], enabled(soft.inputs, "A"))
@@ -289,7 +289,17 @@ def _edges(b: TreeBuilder, mesh):
     # Faces between sharp edges alone are left.
     lines = b.node("DeleteGeometry", domain="FACE", mode="ONLY_FACE")
     b.link(sharp.outputs[0], lines.inputs["Geometry"])
-    return lines.outputs[0]
+    # Without any line a view would show all corners as points, which may cover the glass.
+    box = b.node("BoundBox")
+    b.link(mesh, box.inputs["Geometry"])
+    frame = b.node("DeleteGeometry", domain="FACE", mode="ONLY_FACE")
+    b.link(box.outputs["Bounding Box"], frame.inputs["Geometry"])
+    size = b.node("AttributeDomainSize", component="MESH")
+    b.link(lines.outputs[0], size.inputs["Geometry"])
+    has_lines = b.node("FunctionNodeCompare", data_type="INT", operation="GREATER_THAN")
+    b.link(size.outputs["Edge Count"], enabled(has_lines.inputs, "A"))
+    enabled(has_lines.inputs, "B").default_value = 0
+    return b.switch("GEOMETRY", has_lines.outputs[0], frame.outputs[0], lines.outputs[0])
 
 
 def _circles(b: TreeBuilder, radius, segments):

@@ -408,21 +408,25 @@ def _plainly(space: bpy.types.SpaceView3D, preferences: bpy.types.Preferences) -
         _drawing = False
 
 
+def drawn_as(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bpy.types.SpaceView3D | None:
+    """The space as which captures of a view are drawn, see `drawable`; None if there is none."""
+    if draws_off_screen(scene, space):
+        return space
+    return _hidden_space() if _shows_all(space) else None
+
+
 @contextmanager
 def drawable(
     scene: bpy.types.Scene, space: bpy.types.SpaceView3D
 ) -> Iterator[bpy.types.SpaceView3D | None]:
-    """The space as which captures of a view are drawn; None if there is none.
+    """`drawn_as`, with the settings that captures take.
 
     For Cycles EEVEE draws them, lit by the same lamps and world. To set that in the user's own view
     would have Cycles begin anew: it is set in a view of a screen that is not shown.
     """
-    if draws_off_screen(scene, space):
-        yield space
-        return
-    hidden = _hidden_space() if _shows_all(space) else None
-    if hidden is None:
-        yield None
+    hidden = drawn_as(scene, space)
+    if hidden in (None, space):
+        yield hidden
         return
     # The type comes first: it tells of what the others are.
     shading, wanted = hidden.shading, [(hidden.shading, "type", "MATERIAL")]

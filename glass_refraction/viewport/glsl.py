@@ -117,7 +117,8 @@ MAIN = source("main")
 
 PICTURE = HOOKS + SMOOTH + FOLLOW + LOOKUP + MAIN
 
-# For tests: the depth that counts for places between pixels, and that of an edge to their left.
+# For tests: the depth that counts for places between pixels, that of an edge to their left, that of
+# a surface that goes on, and the one that counts for places of a capture.
 BETWEEN = HOOKS + SMOOTH + FOLLOW + LOOKUP + source("between")
 
 QUAD_VERTEX = """
@@ -127,7 +128,7 @@ void main()
 }
 """
 
-# Edges and points of glasses, whose depths tell where an overlay drew them. `begin`, 0 or 1: all
+# Edges of glasses, whose depths tell where an overlay drew them. `begin`, 0 or 1: all
 # that is drawn with 1 lies behind all that is drawn with 0.
 WIRES_VERTEX = source("wires_vertex")
 

@@ -25,7 +25,13 @@ from ..scene.read.glasses import glass_modifier, instanced_glasses
 from ..scene.read.modifier_inputs import has_input, read_input, write_input
 from . import news, shaders
 from .eye import overlay_nearer, view_eye
-from .jobs import amends_depths, is_compiling, is_rendering, samples_of_engine
+from .jobs import (
+    amends_depths,
+    draws_off_screen,
+    is_compiling,
+    is_rendering,
+    samples_of_engine,
+)
 from .model import Model
 
 if TYPE_CHECKING:
@@ -89,9 +95,11 @@ SETTLED = 2
 """Redraws in a row without a material being compiled, after which an engine shows no stand-ins.
 What was compiled is taken up between redraws: the first one may still have shown some."""
 EDGES = "Edges in Viewport"
+BLIND = "By Cycles the glasses here show only what this view sees; Material Preview shows all"
 LINE_SIZE, LINE_HEIGHT = 12.0, 24.0
 """Of the line of text: its size, and how high it stands in the middle, pixels. To the left of it is
 Blender's panel of the last operation."""
+UNREFINED = "Edges become smooth with the engine's last sample"
 
 counters: Counter[str] = Counter()
 """Since start: ``draws`` of views that ask, ``traces`` of a sample, ``faces`` of captures,
@@ -132,6 +140,10 @@ class _View:
         """The direct picture was read after the engine had refined it; the next redraw reads it."""
         self.refinements = 0
         """Redraws since something moved: each shows a sample more of the engine's."""
+        self.is_blind = False
+        """Nothing can draw captures."""
+        self.is_threaded = False
+        """The engine draws in threads of its own, for long."""
         self.is_own = False
         """The next redraw is only to show what was drawn."""
         self.settled = 0
@@ -158,12 +170,16 @@ class _View:
             return self.failure
         if self.model.meshes.waits:
             return self.model.meshes.line
-        if self.captures is None or self.final or not self.model.is_shown:
+        if self.captures is None or not self.model.is_shown:
+            return ""
+        if self.is_blind:
+            return BLIND
+        if self.final:
             return ""
         done, total = self.captures.total - self.captures.left, self.captures.total
         if done < total:
             return f"Surroundings of the glasses: {done} of {total}"
-        return ""
+        return UNREFINED if self.is_threaded and self.is_early else ""
 
 
 _shown: set[int] = set()
@@ -298,7 +314,7 @@ def _after_view() -> None:
 
 
 def _draw(view: _View, context: bpy.types.Context) -> None:
-    from .capture import Captures
+    from .capture import Captures, drawn_as
     from .displaced import Displaced
     from .paint import Painter
 
@@ -344,6 +360,11 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         if displaces:
             view.displaced.arrange(layer, space, model.glasses)
         model.key = key
+    view.is_threaded = not draws_off_screen(scene, space)
+    is_blind = drawn_as(scene, space) is None
+    if view.is_blind and not is_blind:
+        view.stamp = ()
+    view.is_blind = is_blind
     # Much is evaluated anew of which nothing can be seen.
     seen = (told.seen, model.signature())
     if view.stamp[:2] != (seen, looks) and model.is_shown:
@@ -369,7 +390,9 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     view.refinements = 1 if moved or is_compiling() else view.refinements + 1
     samples = samples_of_engine(space, context.preferences) or math.inf
     nearer = overlay_nearer(matrices)
-    changed = _read(view, moved, samples, amends_depths(scene, space), nearer)
+    # Engines with threads of their own begin with an empty picture.
+    begins = view.is_threaded and view.stage == MOVING and not view.is_early
+    changed = _read(view, moved or begins, samples, amends_depths(scene, space), nearer)
     view.plain_seconds = time.perf_counter() - view.began
     view.gpu_seconds = 0.0
     python -= time.thread_time()
@@ -380,6 +403,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
             view.changed = time.perf_counter()
             # Solid shading's engine has soon refined what it shows.
             view.is_early = view.is_open
+        if moved or begins:
             _describe(view, eye)
             divisor = _divisor(view, 1)
             painter.begin(divisor, MOVING_LAYER)
@@ -720,7 +744,9 @@ def _work(view: _View, window, space, region, hold: float) -> None:
             view.is_due, view.waits = not (view.is_read or view.is_early), True
             region.tag_redraw()
         return
-    if not view.is_read and (view.is_early or view.quiet >= QUIET):
+    # Threads of an engine's own may take longer than that to show a sample.
+    is_quiet = view.quiet >= QUIET and not view.is_threaded
+    if not view.is_read and (view.is_early or is_quiet):
         # Of what the engine came to rest at. A sample of what it showed before need not be whole.
         view.is_due = view.waits = view.is_early = True
         region.tag_redraw()

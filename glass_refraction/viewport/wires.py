@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Edges and points by which a view shows that its glasses can be clicked at, drawn as depths.
+"""Edges by which a view shows that its glasses can be clicked at, drawn as depths.
 
-A glass leaves its edges and corners only while a view shows it refracted. Blender's overlay draws
+A glass leaves its edges only while a view shows it refracted. Blender's overlay draws
 them, with their depths, over what the engine drew. Where they lie tells which pixels are to be
 cleared of them.
 """
@@ -26,18 +26,14 @@ BESIDE = tuple(shift for k in (-2, -1, 1, 2) for shift in ((k, 0), (0, k)))
 """Pixels by which edges are drawn shifted, too: Blender smooths them, and may round their places
 otherwise. Slanted shifts alone would leave gaps beside a slanted edge."""
 HERE = (0, 0)
-DOTS = (4.0, 8.0)
-"""Pixels a side of a point: as many as in Blender, and those beside."""
-HASH = np.array((1, 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F), np.uint64)
-"""Odd numbers whose bits are evenly spread, by which places are told apart."""
 
 
 class Wires:
-    """The edges and points of a view's glasses on the GPU."""
+    """The edges of a view's glasses on the GPU."""
 
     def __init__(self) -> None:
         self._targets: dict[tuple[int, int], tuple] = {}
-        self._batches: dict[int, tuple[tuple, list]] = {}
+        self._batches: dict[int, tuple[tuple, gpu.types.GPUBatch | None]] = {}
         self._poses: dict[int, list[np.ndarray]] = {}
         self.hosts: set[int] = set()
         """Session uids of the objects with which what is drawn is selected."""
@@ -62,7 +58,7 @@ class Wires:
         mesh = evaluated.data if is_mesh else evaluated.to_mesh()
         key = (news.shape_of(obj), len(mesh.vertices), len(mesh.edges)) if mesh else ()
         if uid not in self._batches or self._batches[uid][0] != key:
-            self._batches[uid] = key, _batches(mesh) if mesh else []
+            self._batches[uid] = key, _batch(mesh) if mesh else None
         if not is_mesh:
             evaluated.to_mesh_clear()
 
@@ -70,7 +66,7 @@ class Wires:
         return ((uid, pose) for uid, poses in self._poses.items() for pose in poses)
 
     def draw(self, view_to_clip: np.ndarray, size: tuple[int, int], nearer: float = 0.0):
-        """Draw the depths of edges and points.
+        """Draw the depths of edges.
 
         Parameters
         ----------
@@ -83,7 +79,7 @@ class Wires:
             Values as in a depth buffer, `NOTHING` where nothing is; valid until the next call with
             this size.
         """
-        pixels = width, height = size
+        width, height = size
         view_to_clip = view_to_clip.copy()
         view_to_clip[2] -= nearer * view_to_clip[3]
         if size not in self._targets:
@@ -102,19 +98,15 @@ class Wires:
             gpu.state.blend_set("NONE")
             gpu.state.depth_test_set("LESS_EQUAL")
             gpu.state.depth_mask_set(True)
-            gpu.state.program_point_size_set(True)
             shader.bind()
             # What lies only beside an edge comes second: it must not hide another edge.
-            for begin, size in enumerate(DOTS):
+            for begin, shifts in enumerate(((HERE,), BESIDE)):
                 shader.uniform_float("begin", float(begin))
-                shader.uniform_float("dot_size", size * bpy.context.preferences.system.pixel_size)
                 for uid, pose in self._placed():
-                    to_clip = view_to_clip @ pose
-                    for batch, beside in self._batches[uid][1]:
-                        for columns in _shifted(to_clip, beside if begin else (HERE,), pixels):
-                            shader.uniform_float("to_clip", columns)
-                            batch.draw(shader)
-            gpu.state.program_point_size_set(False)
+                    batch = self._batches[uid][1]
+                    for columns in _shifted(view_to_clip @ pose, shifts, size) if batch else ():
+                        shader.uniform_float("to_clip", columns)
+                        batch.draw(shader)
             gpu.state.depth_mask_set(False)
             gpu.state.depth_test_set("NONE")
         return texture
@@ -127,27 +119,17 @@ def _shifted(to_clip: np.ndarray, shifts, size: tuple[int, int]) -> list[list[fl
     return moved.reshape(-1, 16).tolist()
 
 
-def _batches(mesh: bpy.types.Mesh) -> list[tuple]:
-    """What is drawn of a mesh: batches, and the pixels by which each is drawn shifted."""
-    places, ends = np.ascontiguousarray(positions(mesh), np.float32), edges(mesh)
-    if len(ends):
-        indices = gpu.types.GPUIndexBuf(type="LINES", seq=ends)
-        batch = gpu.types.GPUBatch(type="LINES", buf=_vertices(places), elem=indices)
-        return [(batch, BESIDE)]
-    if not len(places):
-        return []
-    # Blender draws points of meshes without edges only. Most corners lie in one place with others.
-    bits = places.view(np.uint32).astype(np.uint64)
-    _, first = np.unique((bits * HASH).sum(axis=1), return_index=True)
-    return [(gpu.types.GPUBatch(type="POINTS", buf=_vertices(places[first])), (HERE,))]
-
-
-def _vertices(places: np.ndarray):
+def _batch(mesh: bpy.types.Mesh) -> gpu.types.GPUBatch | None:
+    ends = edges(mesh)
+    if not len(ends):
+        return None
+    places = np.ascontiguousarray(positions(mesh), np.float32)
     layout = gpu.types.GPUVertFormat()
     layout.attr_add(id="place", comp_type="F32", len=3, fetch_mode="FLOAT")
     vertices = gpu.types.GPUVertBuf(layout, len(places))
     vertices.attr_fill("place", places)
-    return vertices
+    indices = gpu.types.GPUIndexBuf(type="LINES", seq=ends)
+    return gpu.types.GPUBatch(type="LINES", buf=vertices, elem=indices)
 
 
 def _shader():
@@ -155,7 +137,6 @@ def _shader():
         info = gpu.types.GPUShaderCreateInfo()
         info.vertex_in(0, "VEC3", "place")
         info.push_constant("MAT4", "to_clip")
-        info.push_constant("FLOAT", "dot_size")
         info.push_constant("FLOAT", "begin")
         info.fragment_out(0, "VEC4", "frag")
         info.vertex_source(glsl.WIRES_VERTEX)

@@ -97,7 +97,20 @@ def test_a_view_by_cycles_has_captures_for_which_cycles_does_not_begin_anew(foun
     assert seen["depths"] < 0.25
     assert seen["begun"] == 1
     assert seen["as_before"]
+
+
+def test_a_view_by_cycles_for_which_nothing_draws_captures_says_so(found):
+    """They are drawn as soon as something can."""
+    seen = found["cycles"]
     assert seen["in_vain"] == 0
+    assert "only what this view sees" in seen["lines"][0]
+    assert seen["lines"][1] == ""
+    assert seen["in_time"] >= 6
+
+
+def test_a_view_by_cycles_shows_its_glass_before_its_captures_are_there(found):
+    """Cycles begins with an empty picture, and the glass of that was shown: a dark block."""
+    assert found["cycles"]["traces"] > 2
 
 
 def test_a_camera_that_moves_has_no_capture_drawn_anew(found):

@@ -308,3 +308,17 @@ def test_each_glass_has_an_icon_and_no_icon_is_left_over():
     files = {path.stem.upper() for path in icons.FOLDER.glob("*.png")}
     assert files == {preset.identifier for preset in PRESETS}
     assert set(icons._kept["glasses"]) == files
+
+
+@pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset.label)
+def test_each_preset_is_shown_by_few_lines_where_a_view_shows_what_is_seen_through_it(preset):
+    """Blender draws all points of a mesh without lines: smooth bottles and vases were black."""
+    bpy.ops.object.refractive_glass_everyday_add(kind=preset.identifier)
+    glasses = [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]
+    for obj in glasses:
+        write_input(glass_modifier(obj), "Edges in Viewport", True)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for obj in glasses:
+        mesh = obj.evaluated_get(depsgraph).data
+        assert 0 < len(mesh.edges) < 2000
+        assert not mesh.polygons

@@ -205,7 +205,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
   vec2 turn = vec2(cos((high - low) / float(count)), sin((high - low) / float(count)));
   vec2 angle = vec2(cos(low), sin(low));
   float before = 0.0;
-  bool behind = capture_gap(slot, q) > THICK_PART * length(q);
+  bool behind = smooth_gap(slot, q) > THICK_PART * length(q);
   hidden = behind;
   at = vec3(0.0);
   way = reach;
@@ -213,6 +213,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
     angle = vec2(angle.x * turn.x - angle.y * turn.y, angle.x * turn.y + angle.y * turn.x);
     float t = k == count ? last : foot + apart * angle.y / max(angle.x, 1e-9);
     float gap = capture_gap(slot, q + t * d);
+    gap = gap > 0.0 ? smooth_gap(slot, q + t * d) : gap;
     if (!behind && gap > 0.0) {
       float near = before, far = t;
       for (int n_ = 0; n_ < HALVINGS; n_++) {

@@ -87,26 +87,46 @@ float capture_gap(int slot, vec3 p)
   return depth - shown;
 }
 
-/* The same, where a surface goes on from pixel to pixel: of a plane 1 / depth is linear there. */
-float smooth_gap(int slot, vec3 p)
+/* What a capture shows round a place, at `at` of a face. */
+struct Around {
+  ivec2 corner;      /* the first of four pixels, in the atlas */
+  vec4 near;         /* 1 / depth of each, for of a plane that is linear from pixel to pixel */
+  vec4 parts;        /* of each in the place: those of the one surface that most of them show */
+};
+
+Around around(int slot, vec3 at)
 {
   float side = capture_at(slot).w;
-  float depth;
-  vec3 at = face_of(slot, p, depth);
   vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
   vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
-  ivec2 corner = atlas_pixel(slot, at, low, side);
-  vec4 near = 1.0 / abs(vec4(texelFetch(reach_tx, corner, 0).r,
-                             texelFetch(reach_tx, corner + ivec2(1, 0), 0).r,
-                             texelFetch(reach_tx, corner + ivec2(0, 1), 0).r,
-                             texelFetch(reach_tx, corner + ivec2(1, 1), 0).r));
-  float most = max(max(near.x, near.y), max(near.z, near.w));
-  float least_ = min(min(near.x, near.y), min(near.z, near.w));
-  vec2 pair = t.x < 0.5 ? near.xz : near.yw;
-  float nearest = t.y < 0.5 ? pair.x : pair.y;
-  float mixed = mix(mix(near.x, near.y, t.x), mix(near.z, near.w, t.x), t.y);
-  float shown = 1.0 / max(most < GOES_ON * least_ ? mixed : nearest, 1e-19);
-  return depth - shown;
+  Around found;
+  found.corner = atlas_pixel(slot, at, low, side);
+  found.near = 1.0 / abs(vec4(texelFetch(reach_tx, found.corner, 0).r,
+                              texelFetch(reach_tx, found.corner + ivec2(1, 0), 0).r,
+                              texelFetch(reach_tx, found.corner + ivec2(0, 1), 0).r,
+                              texelFetch(reach_tx, found.corner + ivec2(1, 1), 0).r));
+  vec4 parts = vec4(1.0 - t.x, t.x, 1.0 - t.x, t.x) * vec4(vec2(1.0 - t.y), vec2(t.y));
+  found.parts = vec4(0.0);
+  float most = 0.0;
+  for (int k = 0; k < 4; k++) {
+    vec4 nearer = max(found.near, found.near[k]), farther = min(found.near, found.near[k]);
+    vec4 votes = mix(vec4(0.0), parts, lessThan(nearer, GOES_ON * farther));
+    float sum_ = dot(votes, vec4(1.0));
+    if (sum_ > most) {
+      most = sum_;
+      found.parts = votes / sum_;
+    }
+  }
+  return found;
+}
+
+/* The same, where edges run straight though pixels make them stairs. */
+float smooth_gap(int slot, vec3 p)
+{
+  float depth;
+  vec3 at = face_of(slot, p, depth);
+  Around shown = around(slot, at);
+  return depth - 1.0 / max(dot(shown.parts, shown.near), 1e-19);
 }
 
 /* The second capture of a glass that has a first one, behind what hides much from that; or -1. */
@@ -136,28 +156,18 @@ bool shows_thing(int slot, vec3 d)
   return is_there(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
 }
 
-/* The colour in a direction, smoothed over pixels that are about as far as the nearest one. */
+/* The colour in a direction. */
 vec4 capture_colour(int slot, vec3 d)
 {
-  float side = capture_at(slot).w;
   float depth;
   vec3 at = face_of(slot, d, depth);
-  vec2 low = clamp(floor(at.xy - 0.5), vec2(0.0), vec2(side - 2.0));
-  vec2 t = clamp(at.xy - 0.5 - low, 0.0, 1.0);
-  ivec2 corner = atlas_pixel(slot, at, low, side);
-  ivec2 middle = corner + ivec2(round(t));
-  depth = texelFetch(reach_tx, middle, 0).r;
-  vec4 mixed = vec4(0.0);
+  Around shown = around(slot, at);
+  vec3 colour = vec3(0.0);
+  float thing = 0.0;
   for (int k = 0; k < 4; k++) {
-    ivec2 step_ = ivec2(k & 1, k >> 1);
-    float other = texelFetch(reach_tx, corner + step_, 0).r;
-    vec2 part = mix(1.0 - t, t, vec2(step_));
-    bool same = is_there(other) == is_there(depth) &&
-                (!is_there(other) || abs(other - depth) < 0.1 * depth);
-    if (same) {
-      mixed += part.x * part.y * vec4(texelFetch(capture_tx, corner + step_, 0).rgb, 1.0);
-    }
+    ivec2 pixel = shown.corner + ivec2(k & 1, k >> 1);
+    colour += shown.parts[k] * texelFetch(capture_tx, pixel, 0).rgb;
+    thing += shown.parts[k] * float(texelFetch(reach_tx, pixel, 0).r > -FAR_OFF);
   }
-  vec3 colour = mixed.a > 0.0 ? mixed.rgb / mixed.a : texelFetch(capture_tx, middle, 0).rgb;
-  return vec4(colour, depth <= -FAR_OFF ? 0.0 : 1.0);
+  return vec4(colour, float(thing > 0.5));
 }

@@ -4,5 +4,4 @@ void main()
 {
   gl_Position = to_clip * vec4(place, 1.0);
   gl_Position.z = 0.5 * gl_Position.z + (begin - 0.5) * gl_Position.w;
-  gl_PointSize = dot_size;
 }

@@ -260,20 +260,21 @@ PARTS = 8
 
 
 def straight_edges(paint):
-    """By how many pixels the edge of a half-plane is off, by the angle of its normal in degrees."""
+    """By how many pixels a half-plane's edge is off in a view and in a capture, by its angle."""
     worst = {}
-    rows, columns = 48, 60
+    rows = columns = 60
     y, x = np.mgrid[:rows, :columns] + 0.5
     for degrees in (3, 12, 27, 45, 63, 78, 87):
         normal = np.array((np.cos(np.radians(degrees)), np.sin(np.radians(degrees))))
         place = (x - 30.3) * normal[0] + (y - 24.1) * normal[1]
-        depths, *_ = passes.depths_between(paint, np.where(place < 0.0, 5.0, 9.0), 0.01, PARTS)
+        found = passes.depths_between(paint, np.where(place < 0.0, 5.0, 9.0), 0.01, PARTS)
         v, u = (np.mgrid[: PARTS * rows, : PARTS * columns] + 0.5) / PARTS
         apart = (u - 30.3) * normal[0] + (v - 24.1) * normal[1]
-        wrong = (depths < 7.0) != (apart < 0.0)
         # Beyond the picture's own edge nothing votes.
-        wrong[:PARTS] = wrong[-PARTS:] = wrong[:, :PARTS] = wrong[:, -PARTS:] = False
-        worst[degrees] = float(np.abs(apart[wrong]).max(initial=0.0))
+        inside = np.s_[PARTS:-PARTS, PARTS:-PARTS]
+        wrong = [((found[k] < 7.0) != (apart < 0.0))[inside] for k in (0, 3)]
+        apart = np.abs(apart[inside])
+        worst[degrees] = [float(apart[one].max(initial=0.0)) for one in wrong]
     return worst
 
 
@@ -285,7 +286,7 @@ def edges_of_rods(paint):
         x = np.arange(80) + 0.5 - (40.0 + shift)
         deep = 6.0 - width * np.sqrt(np.maximum(radius**2 - x**2, 0.0))
         row = np.where(np.abs(x) < radius, deep, 9.0)
-        _, limbs, _ = passes.depths_between(paint, np.tile(row, (9, 1)), width, PARTS)
+        _, limbs, *_ = passes.depths_between(paint, np.tile(row, (9, 1)), width, PARTS)
         first = int(np.argmax(np.abs(x) < radius))
         found = limbs[4 * PARTS + PARTS // 2, (first + 1) * PARTS : (first + 2) * PARTS]
         worst = max(worst, float(np.abs(found - 6.0).max()) / (width * radius))
@@ -306,7 +307,7 @@ def planes(paint):
     for view, depth in depths.items():
         parallel = view == "parallel"
         # No slope is taken for an edge.
-        _, _, found = passes.depths_between(paint, depth(x, y), 0.1, PARTS, parallel=parallel)
+        _, _, found, _ = passes.depths_between(paint, depth(x, y), 0.1, PARTS, parallel=parallel)
         inside = np.s_[PARTS:-PARTS, PARTS:-PARTS]
         worst[view] = float(np.abs(found / depth(u, v) - 1.0)[inside].max())
     return worst

@@ -147,7 +147,7 @@ def plain_values(paint, values: np.ndarray) -> np.ndarray:
 
 def depths_between(
     paint, values: np.ndarray, width: float, parts: int, *, parallel: bool = True
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Depths that count at ``parts``² places in each pixel.
 
     Parameters
@@ -157,8 +157,9 @@ def depths_between(
 
     Returns
     -------
-    (rows, columns) each: the depths, those of a round thing's edge to the left of each place, and
-    those of a surface that goes on from pixel to pixel.
+    (rows, columns) each: the depths, those of a round thing's edge to the left of each place, those
+    of a surface that goes on from pixel to pixel, and those that count where the values are a
+    capture's, of which a face is a square.
     """
     height, columns = values.shape
     direct = paint.Direct()
@@ -169,6 +170,7 @@ def depths_between(
     block = np.zeros((_constant(paint, "eye", "VIEW_ROWS"), 4), np.float32)
     block[5, 0], block[10, :2] = width, direct.size
     block[9, 3] = not parallel
+    block[12, 3] = min(direct.size)
     size = (parts * columns, parts * height)
     _, target = paint._target(size, "RGBA32F")
     shader = paint._shader("between")
@@ -186,10 +188,11 @@ def depths_between(
         shader.uniform_block("glasses", glasses)
         shader.uniform_block("view", view)
         for name in paint.DESCRIPTIONS["between"]["samplers"]:
-            shader.uniform_sampler(name, direct.depth if name == "depth_tx" else none)
+            textures = {"depth_tx": direct.depth, "reach_tx": direct._plain}
+            shader.uniform_sampler(name, textures.get(name, none))
         shader.uniform_float("parts", float(parts))
         shader.uniform_float("box", paint.WHOLE)
         paint._quad().draw(shader)
         read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
     read = read.reshape(size[1], size[0], 4)
-    return read[..., 0], read[..., 1], read[..., 2]
+    return tuple(np.moveaxis(read, 2, 0))

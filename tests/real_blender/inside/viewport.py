@@ -101,6 +101,8 @@ def camera_frame(area):
 
 
 def flat_view(area, kind):
+    # A selected glass shows its lines.
+    bpy.ops.object.select_all(action="DESELECT")
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     # Without overlays EEVEE writes no depths; what they show lies beside the eraser.
@@ -282,9 +284,14 @@ def rendered_by_cycles():
     create, begun = cycles.engine.create, []
     cycles.engine.create = lambda *given, **named: (begun.append(1), create(*given, **named))[1]
     flat_view(area, "RENDERED")
-    before = settings_of_views()
-    yield from rest()
+    before, traces = settings_of_views(), module().counters["traces"]
     (view,) = [v for v in module()._views.values() if v.captures]
+    for _ in range(REST_SECONDS):
+        yield 0.1
+        if view.is_threaded and not view.captures.left:
+            break
+    traces = module().counters["traces"] - traces
+    yield from rest()
     captures = view.captures
     target = gpu.types.GPUFrameBuffer(color_slots=[captures.textures[0]])
     with target.bind():
@@ -294,6 +301,7 @@ def rendered_by_cycles():
         "captured": float(colours.mean()),
         "depths": capture_depths(),
         "begun": len(begun),
+        "traces": traces,
         "as_before": settings_of_views() == before,
     }
     # Nothing can be drawn where no view is hidden.
@@ -303,7 +311,12 @@ def rendered_by_cycles():
     area.tag_redraw()
     yield from rest()
     result["cycles"]["in_vain"] = module().counters["faces"] - faces
+    result["cycles"]["lines"] = [view.line()]
     capture._hidden_space = hidden
+    area.tag_redraw()
+    yield from rest()
+    result["cycles"]["lines"].append(view.line())
+    result["cycles"]["in_time"] = module().counters["faces"] - faces
     cycles.engine.create, scene.render.engine = create, engine
     flat_view(area, "SOLID")
     yield from rest()
@@ -381,7 +394,6 @@ def lines():
     (area,) = areas()
     space = area.spaces.active
     flat_view(area, "SOLID")
-    bpy.ops.object.select_all(action="DESELECT")
     result["lines"] = yield from pixels_of_overlays(area, "viewport_lines")
     matrices, clip_end = space.region_3d, space.clip_end
     # Overlays draw lines nearer by a part of the depth that a parallel view has room for.
@@ -454,7 +466,6 @@ def instances():
     (area,) = areas()
     flat_view(area, "SOLID")
     area.spaces.active.overlay.show_overlays, area.spaces.active.overlay.show_text = True, False
-    bpy.ops.object.select_all(action="DESELECT")
     scene, layer = bpy.context.scene, bpy.context.view_layer
     glass, by = bpy.data.objects["Glass"], Vector((0.02, 0.0, 0.0))
     homes = list(glass.users_collection)
