@@ -503,9 +503,7 @@ class _Followed:
         events = live.events + ~straight
         least = self._least(live, events, straight)
         weights = live.weight * (1.0 - reflectance), live.weight * reflectance
-        stays = (reflectance == 1.0) & (np.abs(normal - flat).max(axis=0) > OWN)
-        kept = np.where(straight | stays, live.kept + ~straight, 0)
-        kept = np.minimum(kept, KEPT).astype(np.int8)
+        kept = self._kept(live, reflectance, crossing)
         enough = [(weight > least) & (events <= self.most_events) for weight in weights]
         rest = [np.flatnonzero(~e & (w > 0.0)) for e, w in zip(enough, weights, strict=True)]
         dropped = [
@@ -545,6 +543,15 @@ class _Followed:
             dark, off = _Live.join([dark, off]), off.take(slice(0, 0))
         dark.depth = np.full_like(dark.depth, np.inf)
         return seen, dark, through, off, *dropped
+
+    def _kept(self, live: _Live, reflectance: Floats, crossing: _Crossing) -> NDArray[np.int8]:
+        """`_Live.kept` behind the interfaces."""
+        if not self.meshes:
+            return live.kept
+        own = np.abs(crossing.normal - crossing.flat).max(axis=0) <= OWN
+        kept = np.minimum(live.kept + ~crossing.straight, KEPT).astype(np.int8)
+        kept[((reflectance < 1.0) | own) & ~crossing.straight] = 0
+        return kept
 
     def _sunk(self, turned: Floats, flat: Floats, straight) -> NDArray[np.bool_]:
         """Which refracted rays (3, L) are behind the face; others end black, as in Cycles.
