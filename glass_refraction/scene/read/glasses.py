@@ -391,6 +391,7 @@ def read_glass(
         return _read_mesh(
             evaluated, depsgraph, to_world, lambda: placed_triangles(mesh, to_world, known)
         )
+    _check_place(to_world, obj.name)
     if shape != "Slab" and np.linalg.det(to_world[:3, :3]) < 0.0:
         # What is turned round an axis is its own mirror image.
         to_world = to_world * (-1.0, 1.0, 1.0, 1.0)
