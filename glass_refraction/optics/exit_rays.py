@@ -42,8 +42,9 @@ STRONG = 0.1
 """Part of a ray's light that is followed however long its way is: there are few such ways."""
 
 KEPT = 32
-"""Total reflections off interpolated normals, one after another, from which on a way is taken never
-to leave its glass. Off the faces' own normals light is reversible: what came in leaves at last."""
+"""Total reflections, one after another, from which on a way is taken never to leave its glass: of
+light that began in it and met nothing else, or off interpolated normals. All other light is
+reversible: what came in leaves at last."""
 
 OWN = 1e-5
 """Of a unit vector: interpolated normals nearer to the face's are its own, as rounded."""
@@ -85,8 +86,7 @@ class ExitRays:
         Share of each ray's light that was not followed to its end. With the weights it adds up to
         1. All of it for a ray that is none (not finite, or without a direction).
     stuck : (M,)
-        Of `lost`, what never leaves the glasses: ways whose last `KEPT` events of `most_events`
-        were total reflections off interpolated normals.
+        Of `lost`, what never leaves the glasses: see `KEPT`.
     steps : int
         Steps taken, each with at most one call of `cast` and of `meet`.
     passed_ray, passed : (S,) int32 and (S, 2, 3) float32
@@ -139,7 +139,7 @@ class _Live:
     `part`: of all facets, how many it stands for.
     `aside`: (3, L), from where a ray starts to where it looks for things from. `thing`: number of
     the thing that it met when it last looked, -1 for none. `kept`: how many of its last events
-    were total reflections off interpolated normals.
+    were total reflections that may keep it, see `KEPT`.
     """
 
     ray: NDArray[np.intp]
@@ -507,7 +507,7 @@ class _Followed:
         enough = [(weight > least) & (events <= self.most_events) for weight in weights]
         rest = [np.flatnonzero(~e & (w > 0.0)) for e, w in zip(enough, weights, strict=True)]
         dropped = [
-            (live.ray[some], w[some], (events[some] > self.most_events) & (kept[some] == KEPT))
+            (live.ray[some], w[some], (events[some] > self.most_events) & (kept[some] >= KEPT))
             for some, w in zip(rest, weights, strict=True)
         ]
         on, back = (np.flatnonzero(part) for part in enough)
@@ -546,12 +546,12 @@ class _Followed:
 
     def _kept(self, live: _Live, reflectance: Floats, crossing: _Crossing) -> NDArray[np.int8]:
         """`_Live.kept` behind the interfaces."""
-        if not self.meshes:
-            return live.kept
-        own = np.abs(crossing.normal - crossing.flat).max(axis=0) <= OWN
-        kept = np.minimum(live.kept + ~crossing.straight, KEPT).astype(np.int8)
-        kept[((reflectance < 1.0) | own) & ~crossing.straight] = 0
-        return kept
+        stays = live.kept == live.events
+        if self.meshes:
+            stays |= np.abs(crossing.normal - crossing.flat).max(axis=0) > OWN
+        stays &= reflectance == 1.0
+        straight = crossing.straight
+        return np.where(straight | stays, live.kept + ~straight, 0).astype(np.int8)
 
     def _sunk(self, turned: Floats, flat: Floats, straight) -> NDArray[np.bool_]:
         """Which refracted rays (3, L) are behind the face; others end black, as in Cycles.

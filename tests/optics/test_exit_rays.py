@@ -179,6 +179,17 @@ def test_strong_light_is_followed_however_long_its_way_is():
     assert many.events[strong[1]].max() > 3 * PLAIN
 
 
+@pytest.mark.parametrize("tilt", [35.0, 45.0])
+def test_light_that_began_in_a_block_and_never_leaves_it_is_told(tilt):
+    """At 45 degrees to two pairs of faces all reflections are total; at 35 one pair's are not."""
+    block = optics.body(optics.FlatGlass((0.05,), (1.5,), outline=SQUARE))
+    angle = np.radians(tilt)
+    along = [(np.sin(angle), 0.0, np.cos(angle))]
+    ends = optics.exit_rays([optics.PlacedGlass(block, np.eye(4))], (0.01, 0.0, -0.02), along)
+    np.testing.assert_allclose(sums(ends, 1), 1.0)
+    assert ends.stuck[0] == (tilt == 45.0)
+
+
 def test_glass_of_the_surroundings_ior_is_not_there():
     body = optics.Tumbler(0.036, 0.0025, 0.11, 0.007, 1.0, 1.0, level=0.065)
     rng = np.random.default_rng(6)

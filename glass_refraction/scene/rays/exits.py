@@ -112,7 +112,13 @@ def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
     # What was not followed goes with what was.
     brought = np.bincount(ways.ray, ways.weight, len(lost))
     factor = (brought + lost) / np.maximum(brought, ENOUGH)
+    dark = dark + _left(brought + lost, brought * factor)
     return PictureRays(pixels, np.ones(len(pixels)), dark, ways.scaled(factor[ways.ray]))
+
+
+def _left(wanted: np.ndarray, brought: np.ndarray) -> np.ndarray:
+    """What is left of wanted light: too little was followed there to stand for all of it."""
+    return np.maximum(wanted - brought, 0.0)
 
 
 class FinerRays:
@@ -234,7 +240,8 @@ class FinerRays:
     @property
     def dark(self) -> np.ndarray:
         """(R,) what is dark in the pixels of `coarse` then."""
-        return np.where(self._rough[self.pixel], self._stays[self.pixel], self._dark)
+        dark = self._stays + _left(self._wanted, self._brought * self._factor(slice(None)))
+        return np.where(self._rough[self.pixel], dark[self.pixel], self._dark)
 
 
 def together(parts: list[PictureRays]) -> PictureRays:

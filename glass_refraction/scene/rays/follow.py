@@ -38,8 +38,8 @@ FINE = 5.0
 """Where a pixel has many rays, ways must carry so much more of a ray's light: it is a part of the
 pixel's."""
 ENOUGH = 0.25
-"""Part of a ray's light that must be followed to stand for all of it. Where less is, total
-reflection keeps the rest in the glasses: it is dark."""
+"""Part of the light of a pixel that must be followed to stand for all of it. Where less is, it
+stands for four times as much, and the rest is dark."""
 TOGETHER = 100_000
 """Rays that are followed together. While they are, each takes a kilobyte and more; fewer would cost
 time, for each step is a batch of casts."""
@@ -275,7 +275,7 @@ class Follower:
                 met[ray] = True
                 seen = self._unhidden(met, part, places)
                 rows, ray, lost = rows[seen[ray]], ray[seen[ray]], lost * seen[:, None]
-            lost, dark = apart_from_dark(lost)
+            lost, dark = lost[:, 0] - lost[:, 1], lost[:, 1]
             some = unsettled(whole.ways, rows, ray, lost, part, settled)
             if self._apart:
                 self._end(whole.ways, rows[some])
@@ -484,16 +484,6 @@ class Follower:
 def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:
     """(K,) int64, the same for ways of a pixel through the same interfaces (a hash)."""
     return path ^ (pixel.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)).view(np.int64)
-
-
-def apart_from_dark(lost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Parts (M,) of rays' light, lost (M, 2): what was not followed, what stays in the glasses.
-
-    Where no way was followed to its end, all stays.
-    """
-    whole, stuck = lost.T
-    dark = np.where(whole > 1.0 - ENOUGH, whole, stuck)
-    return whole - dark, dark
 
 
 def unsettled(

@@ -27,7 +27,7 @@ from glass_refraction.scene.rays.exits import (
     sun_light,
     together,
 )
-from glass_refraction.scene.rays.follow import apart_from_dark, unsettled
+from glass_refraction.scene.rays.follow import unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
 from glass_refraction.scene.rays.lamps import Sun
 from glass_refraction.scene.rays.true import _filter_size
@@ -71,9 +71,9 @@ class Following:
         x, y = np.tile(places, (len(pixels), 1)).T
         rays = self._view.rays(pixel % width + 0.5 + x, pixel // width + 0.5 + y)
         ways, lost, stuck = (*self._follow(*rays), np.zeros(len(rays[0])))[:3]
-        lost, dark = apart_from_dark(np.stack((lost, stuck), axis=1))
+        lost = lost - stuck
         rows = unsettled(ways, np.arange(len(ways)), ways.ray, lost, pixels, settled)
-        yield pixels, ways.take(rows), lost, dark
+        yield pixels, ways.take(rows), lost, stuck
 
     def before(self, pixels, places, rays):
         """Nothing stands before the glasses."""
@@ -234,8 +234,8 @@ def test_the_border_of_what_stays_dark_is_as_smooth_as_any(wide):
     def follow(origins, directions):
         ways, _ = straight(origins, directions)
         slope = directions[:, 0] / -directions[:, 2]
-        lost = (slope > low) & (slope < high)
-        return ways.take(np.flatnonzero(slope >= high)), lost.astype(float)
+        lost = ((slope > low) & (slope < high)).astype(float)
+        return ways.take(np.flatnonzero(slope >= high)), lost, lost
 
     follower = Following(view_of(focal, size), follow)
     coarse = centre_rays(np.arange(size[0] * size[1]), follower)
