@@ -251,6 +251,26 @@ def test_the_border_of_what_stays_dark_is_as_smooth_as_any(wide):
     np.testing.assert_allclose(row, wanted, atol=1.1 / FINER[1][0])
 
 
+def test_rays_that_nobody_followed_to_the_end_are_not_dark_where_others_were():
+    """Of each second pixel's rays those of one half are lost: the other half stands for all."""
+    focal, size = 1.5, (8, 4)
+
+    def follow(origins, directions):
+        ways, _ = straight(origins, directions)
+        x = 0.5 * size[0] * (1.0 - focal * directions[:, 0] / directions[:, 2])
+        lost = (np.floor(x) % 2 == 1) & (x % 1.0 > 0.5)
+        return ways.take(np.flatnonzero(~lost)), lost.astype(float)
+
+    follower = Following(view_of(focal, size), follow)
+    coarse = centre_rays(np.arange(size[0] * size[1]), follower)
+    count = len(coarse.ways)
+    ends = Endings(np.ones(len(coarse.pixel)), np.ones(count), np.zeros(count))
+    _, centre, finer = _finer(coarse, ends, 0.3, follower)
+    assert not centre.dark.any()
+    weight = finer.ways.weight * finer.share[finer.ways.ray]
+    np.testing.assert_allclose(np.bincount(finer.pixel[finer.ways.ray], weight), 1.0)
+
+
 def test_ways_that_do_not_end_stay_with_the_pixels_centre_and_all_light_comes():
     """Of two ways one ends, by half of the pixel; a part of the light is never followed."""
 
