@@ -781,8 +781,11 @@ def append(walk):
         names = sorted(n for n in (available.scenes if whole else available.objects) if n[0] != ".")
         if names:
             setattr(wanted, "scenes" if whole else "objects", [names[number % len(names)]])
+    there = bpy.context.scene.collection.objects
     for obj in wanted.objects:
-        bpy.context.scene.collection.objects.link(obj)
+        # What was linked before is the same object again.
+        if obj not in there.values():
+            there.link(obj)
 
 
 def make_local(walk):
