@@ -14,7 +14,7 @@ import numpy as np
 from ... import optics
 from ..light.light import KeptLight, LightSettings, light_maps
 from ..progress import tell
-from ..read.glasses import Glass, as_body
+from ..read.glasses import Glass, as_bodies
 from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
 from .caster import Casters
@@ -193,7 +193,7 @@ def compute(
         the answer.
     """
     tell(FOLLOWING)
-    bodies = [body for body in map(as_body, frame.glasses) if body is not None]
+    bodies = as_bodies(frame.glasses)
     centre, scale = _place_and_size(bodies, frame.view)
     casters.things.aim(frame.things, centre, scale)
     meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
@@ -383,8 +383,7 @@ def _bands(glasses: Sequence[Glass]) -> list[Band]:
     found = []
     for band in names:
         seen = [glass.in_light(band) if glass.disperses and band else glass for glass in glasses]
-        bodies = [body for body in map(as_body, seen) if body is not None]
-        found.append((BAND_COLOURS[band], placed_glasses(bodies)))
+        found.append((BAND_COLOURS[band], placed_glasses(as_bodies(seen))))
     return found
 
 

@@ -152,9 +152,8 @@ def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
             ]
         for start in range(0, len(here), BLOCK):
             part = slice(start, start + BLOCK)
-            apart = np.zeros((1, 1))
-            for known, asked in zip(both[0].T, both[1][part].T, strict=True):
-                apart = apart + (asked[:, None] - known) ** 2
+            pairs = zip(both[0].T, both[1][part].T, strict=True)
+            apart = sum((asked[:, None] - known) ** 2 for known, asked in pairs)
             nearest = seen[apart.argmin(axis=1)]
             view[here[part]], place[here[part]] = view[nearest], place[nearest]
     return lacking, light

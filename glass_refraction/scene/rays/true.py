@@ -29,7 +29,7 @@ from ..read.animation import may_move
 from ..read.arrays import write_polygons
 from ..read.glasses import (
     all_glasses,
-    as_body,
+    as_bodies,
     glass_modifier,
     glass_objects,
     read_glasses,
@@ -361,8 +361,8 @@ def _thickened(scene: bpy.types.Scene, read: FrameInput) -> list[str]:
     eevee = scene.eevee
     if scene.render.engine != "BLENDER_EEVEE" or not (eevee.use_raytracing and eevee.use_fast_gi):
         return []
-    bodies = [body for body in map(as_body, read.glasses) if body is not None]
-    sizes = [float(np.linalg.norm(np.ptp(body.description.box, axis=0))) for body in bodies]
+    boxes = [body.description.box for body in as_bodies(read.glasses)]
+    sizes = [float(np.linalg.norm(np.ptp(box, axis=0))) for box in boxes]
     if not sizes or eevee.fast_gi_thickness_near <= max(sizes):
         return []
     return [

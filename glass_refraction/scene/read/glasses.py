@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -594,15 +594,19 @@ def as_body(glass: Glass) -> Glass | None:
     return None if body is None else replace(glass, description=body)
 
 
+def as_bodies(glasses: Iterable[Glass]) -> list[Glass]:
+    """`as_body` of all glasses that are one."""
+    return [body for body in map(as_body, glasses) if body is not None]
+
+
 def rigid_pose(matrix: np.ndarray, name: str) -> tuple[np.ndarray, float]:
-    """Split a world matrix (4, 4) into a rigid one and a uniform scale.
+    """Split a finite world matrix (4, 4) with an inverse into a rigid one and a uniform scale.
 
     Raises
     ------
     RefractiveGlassError
         The matrix shears, mirrors or scales unevenly.
     """
-    _check_place(matrix, name)
     linear = matrix[:3, :3]
     determinant = np.linalg.det(linear)
     scale = float(np.cbrt(determinant))
