@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """No harm to any file: random walks through what users do, in the installed extension.
 
-Not explained yet: with seed 43826028 Blender 5.2.2 crashes in a thread that evaluates, after a file was
-read while the extension was at work.
+Not explained yet: with seed 43826028 Blender 5.2.2 crashes in a thread that evaluates, after a
+file was read while the extension was at work.
 """
 
 import os
