@@ -21,7 +21,7 @@ from bpy.app.handlers import persistent
 
 from .scene import changes, material_link
 from .scene import update as door
-from .scene.build.own_scenes import find_own_scenes, user_scene_of
+from .scene.build.own_scenes import find_own_scenes, list_objects, user_scene_of
 from .scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from .scene.progress import Stopped, ask_to_stop, go_on, tell
 from .scene.rays import true
@@ -170,6 +170,12 @@ _RELEVANT = (
 
 
 @persistent
+def _before_frame_change(scene: bpy.types.Scene, *_) -> None:
+    if _rendering:
+        list_objects(find_own_scenes(scene))
+
+
+@persistent
 def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     global _own_rendered
     if own(scene):
@@ -192,6 +198,8 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         door.status(scene).problems = [STOPPED]
     except RefractiveGlassError as error:
         door.status(scene).problems = [str(error)]
+    # Blender evaluates once more what has changed.
+    list_objects(find_own_scenes(scene.original))
 
 
 @persistent
@@ -204,8 +212,11 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
         go_on()
         door.memory_of(scene).last = []
     if threading.current_thread() is not threading.main_thread() or own(scene):
+        list_objects(find_own_scenes(scene))
         return
     _prepare(scene)
+    # What was made has put all lists out of date: those of other scenes of the user's as well.
+    list_objects(bpy.data.scenes)
     for problem in door.status(scene).problems:
         print(f"Refractive Glass: {problem}")
 
@@ -320,6 +331,7 @@ _TABLE = tuple(
     (name, _guarded(function))
     for name, function in (
         ("depsgraph_update_post", _on_depsgraph_update),
+        ("frame_change_pre", _before_frame_change),
         ("frame_change_post", _on_frame_change),
         ("render_init", _on_render_init),
         ("render_pre", _on_render_frame),

@@ -79,6 +79,9 @@ class Blender:
             os.killpg(process.pid, signal.SIGTERM)
             output, _ = process.communicate()
             pytest.fail(f"Blender did not end within {seconds} s:\n{output}")
+        # Where Blender crashed, that file alone tells where.
+        for path in map(Path, re.findall(r"^Writing: (.+\.crash\.txt)$", output, re.MULTILINE)):
+            output += path.read_text(errors="replace") if path.is_file() else ""
         return subprocess.CompletedProcess(arguments, process.returncode, output)
 
     def command(self, *arguments, seconds=300):

@@ -58,6 +58,11 @@ def test_settings_may_change_between_renders(installed):
     assert installed.script("rerender")["rendered"] == 6
 
 
+def test_the_compositor_may_name_another_scene_of_the_users(installed):
+    """Blender 5.2 crashes where that scene's objects were not listed since the glass was made."""
+    assert installed.script("composited")["color"] == pytest.approx([0, 0, 1], abs=0.01)
+
+
 def test_the_asset_library_is_written_and_goes_again(installed):
     found = installed.script("assets")
     assert found["assets"] >= 14

@@ -64,6 +64,19 @@ def find_own_scenes(
     return sorted(found, key=lambda s: (s[TAG], s.get(NUMBER, 0)))
 
 
+def list_objects(scenes: Iterable[bpy.types.Scene]) -> None:
+    """Have Blender list anew what is in the scenes' view layers, where that is out of date.
+
+    Adding or hiding an object anywhere makes all lists out of date. Blender 5.2 crashes where the
+    compositor of a render names a scene whose list is: it lists the objects of its evaluated copy
+    then, which lead to no originals.
+    """
+    for scene in scenes:
+        for layer in scene.view_layers:
+            # To read the active object lists them; to walk through the objects does not.
+            getattr(layer.objects, "active")  # noqa: B009
+
+
 def user_scene_of(own_scene: bpy.types.Scene) -> bpy.types.Scene | None:
     """The user's scene that an own scene belongs to."""
     users = [scene for scene in bpy.data.scenes if not own(scene)]
