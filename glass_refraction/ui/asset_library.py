@@ -139,14 +139,17 @@ def shows_first_glass(context: bpy.types.Context) -> bool:
     return addon is None or addon.preferences is None or addon.preferences.show_first_glass
 
 
-_register, _unregister = bpy.utils.register_classes_factory(
-    (PREFERENCES_OT_refractive_glass_asset_library_remove, RefractiveGlassPreferences)
+_register, _unregister = staying.classes(
+    (
+        PREFERENCES_OT_refractive_glass_asset_library_add,
+        PREFERENCES_OT_refractive_glass_asset_library_remove,
+        RefractiveGlassPreferences,
+    )
 )
 
 
 def register() -> None:
     """Register the operators and the preferences; the libraries only when asked for."""
-    staying.register_class(PREFERENCES_OT_refractive_glass_asset_library_add)
     _register()
 
 
@@ -154,4 +157,3 @@ def unregister() -> None:
     """Undo :func:`register`; the libraries go with the extension."""
     remove_libraries()
     _unregister()
-    staying.unregister_class(PREFERENCES_OT_refractive_glass_asset_library_add)

@@ -121,13 +121,6 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
             )
 
 
-def register() -> None:
-    """Register the operators."""
-    staying.register_class(SCENE_OT_refractive_glass_bake)
-    bpy.utils.register_class(SCENE_OT_refractive_glass_bake_free)
-
-
-def unregister() -> None:
-    """Undo :func:`register`."""
-    bpy.utils.unregister_class(SCENE_OT_refractive_glass_bake_free)
-    staying.unregister_class(SCENE_OT_refractive_glass_bake)
+register, unregister = staying.classes(
+    (SCENE_OT_refractive_glass_bake, SCENE_OT_refractive_glass_bake_free)
+)

@@ -157,11 +157,4 @@ def show_picture(path: Path) -> None:
         bpy.ops.image.view_all(fit_view=True)
 
 
-def register() -> None:
-    """Register the operator."""
-    staying.register_class(SCENE_OT_refractive_glass_compare)
-
-
-def unregister() -> None:
-    """Undo :func:`register`."""
-    staying.unregister_class(SCENE_OT_refractive_glass_compare)
+register, unregister = staying.classes((SCENE_OT_refractive_glass_compare,))

@@ -12,6 +12,7 @@ from mathutils import Euler, Matrix, Vector
 
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import write_input
+from . import staying
 from .operators import MAX_LENGTH, MIN_LENGTH, can_edit
 from .presets import LENGTHS, PRESETS, Part
 
@@ -156,6 +157,4 @@ def _view_height(context: bpy.types.Context) -> float:
     return 2.0 / per_metre if depth > 0.0 else 0.0
 
 
-register, unregister = bpy.utils.register_classes_factory(
-    (OBJECT_OT_refractive_glass_everyday_add,)
-)
+register, unregister = staying.classes((OBJECT_OT_refractive_glass_everyday_add,))

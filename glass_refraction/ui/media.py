@@ -14,6 +14,7 @@ import bpy
 from ..optics import MEDIA
 from ..scene.read.glasses import glass_modifier
 from ..scene.read.modifier_inputs import read_input, write_input
+from . import staying
 
 CUSTOM = "CUSTOM"
 _CLOSE = 5e-5
@@ -74,19 +75,29 @@ def _input_medium(label: str, description: str, socket: str):
     )
 
 
-def register() -> None:
-    """Hang the media of a glass on the object."""
-    bpy.types.Object.refractive_glass_medium = _input_medium(
-        "Medium", "What the glass is made of: sets its index of refraction", "IOR"
-    )
-    bpy.types.Object.refractive_glass_contents = _input_medium(
+_INPUTS = (
+    (
+        "refractive_glass_medium",
+        "Medium",
+        "What the glass is made of: sets its index of refraction",
+        "IOR",
+    ),
+    (
+        "refractive_glass_contents",
         "Contents",
         "What the glass holds, or what lies behind a slab: sets its index of refraction",
         "Contents IOR",
-    )
+    ),
+)
+
+
+def register() -> None:
+    """Hang the media of a glass on the object."""
+    for name, *of_input in _INPUTS:
+        staying.hang(bpy.types.Object, name, _input_medium(*of_input))
 
 
 def unregister() -> None:
     """Undo :func:`register`."""
-    del bpy.types.Object.refractive_glass_contents
-    del bpy.types.Object.refractive_glass_medium
+    for name, *_ in _INPUTS:
+        staying.take_off(bpy.types.Object, name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bpy
 
+from . import staying
 from .everyday import OBJECT_OT_refractive_glass_everyday_add
 from .icons import icon_of
 from .operators import (
@@ -76,7 +77,7 @@ def _draw_add_modifier(menu: bpy.types.Menu, context: bpy.types.Context) -> None
     )
 
 
-_register, _unregister = bpy.utils.register_classes_factory(
+_register, _unregister = staying.classes(
     (VIEW3D_MT_refractive_glass_shapes, VIEW3D_MT_refractive_glass_add)
 )
 

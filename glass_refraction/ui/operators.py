@@ -25,6 +25,7 @@ from ..scene.read.mesh_glasses import (
 from ..scene.read.modifier_inputs import write_input
 from ..scene.read.orientation import orientation_of, turn_all, turn_outwards
 from ..scene.read.profile_curves import form_profile, turned_profile
+from . import staying
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 from .overlay import show_first_glass
 from .stepwise import Steps, Stepwise
@@ -544,4 +545,4 @@ CLASSES = (
 )
 
 
-register, unregister = bpy.utils.register_classes_factory(CLASSES)
+register, unregister = staying.classes(CLASSES)

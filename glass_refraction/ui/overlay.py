@@ -68,16 +68,20 @@ class VIEW3D_PT_refractive_glass_view(staying.StayingPanel, bpy.types.Panel):
         draw_switch(self.layout, context)
 
 
+_register, _unregister = staying.classes((VIEW3D_PT_refractive_glass_view,))
+
+
 def register() -> None:
     """Register the switch and show it."""
-    bpy.types.WindowManager.refractive_glass_overlay = bpy.props.BoolProperty(
+    new = bpy.props.BoolProperty(
         name="Refracted Picture",
         description="Show in this view what is seen through the refractive glasses",
         get=_is_on,
         set=_set,
         options={"SKIP_SAVE"},
     )
-    staying.register_class(VIEW3D_PT_refractive_glass_view)
+    staying.hang(bpy.types.WindowManager, "refractive_glass_overlay", new)
+    _register()
     bpy.types.VIEW3D_PT_overlay.prepend(_draw_overlay)
     views.register()
 
@@ -86,5 +90,5 @@ def unregister() -> None:
     """Undo :func:`register`."""
     views.unregister()
     bpy.types.VIEW3D_PT_overlay.remove(_draw_overlay)
-    staying.unregister_class(VIEW3D_PT_refractive_glass_view)
-    del bpy.types.WindowManager.refractive_glass_overlay
+    _unregister()
+    staying.take_off(bpy.types.WindowManager, "refractive_glass_overlay")

@@ -474,13 +474,5 @@ CLASSES = (
 )
 
 
-def register() -> None:
-    """Register all panels."""
-    for kind in CLASSES:
-        staying.register_class(kind)
-
-
-def unregister() -> None:
-    """Undo :func:`register`: parts of panels before the panels."""
-    for kind in reversed(CLASSES):
-        staying.unregister_class(kind)
+# Parts of panels go before the panels.
+register, unregister = staying.classes(CLASSES)

@@ -154,10 +154,13 @@ def _on_render_init(*_) -> None:
         bpy.app.timers.register(_look, first_interval=LOOK_SECONDS, persistent=True)
 
 
+_register, _unregister = staying.classes((WM_OT_refractive_glass_watch,))
+
+
 def register() -> None:
     """Have renders tell what the extension is at, heed Esc, and their view tell what is wrong."""
     _shown.is_over = False
-    staying.register_class(WM_OT_refractive_glass_watch)
+    _register()
     bpy.app.handlers.render_init.append(_on_render_init)
     if not bpy.app.background:
         kind = bpy.types.SpaceImageEditor
@@ -175,4 +178,4 @@ def unregister() -> None:
         bpy.types.SpaceImageEditor.draw_handler_remove(_shown.handle, "WINDOW")
         _shown.handle = None
     _shown.is_over = True
-    staying.unregister_class(WM_OT_refractive_glass_watch)
+    _unregister()

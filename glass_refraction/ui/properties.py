@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 
 from .. import handlers
+from . import staying
 
 
 def _changed(_settings, context: bpy.types.Context) -> None:
@@ -157,16 +158,17 @@ class SceneSettings(bpy.types.PropertyGroup):
     )
 
 
-_register, _unregister = bpy.utils.register_classes_factory((SceneSettings,))
+_register, _unregister = staying.classes((SceneSettings,))
 
 
 def register() -> None:
     """Register the settings and hang them on the scene."""
     _register()
-    bpy.types.Scene.refractive_glass = bpy.props.PointerProperty(type=SceneSettings)
+    new = bpy.props.PointerProperty(type=SceneSettings)
+    staying.hang(bpy.types.Scene, "refractive_glass", new)
 
 
 def unregister() -> None:
     """Undo :func:`register`."""
-    del bpy.types.Scene.refractive_glass
+    staying.take_off(bpy.types.Scene, "refractive_glass")
     _unregister()

@@ -8,6 +8,7 @@ import math
 import bpy
 from mathutils import Vector
 
+from . import staying
 from .operators import can_edit
 
 NAME = "Glass of Water"
@@ -136,4 +137,4 @@ def _checked(name: str) -> bpy.types.Material:
     return material
 
 
-register, unregister = bpy.utils.register_classes_factory((SCENE_OT_refractive_glass_starter,))
+register, unregister = staying.classes((SCENE_OT_refractive_glass_starter,))

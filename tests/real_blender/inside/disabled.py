@@ -157,7 +157,7 @@ def rest_enabled():
 
 
 def animated():
-    """Blender lays panels out that it does not draw while an engine reads the scene."""
+    """Blender draws what it laid out before an engine read the scene, once that is over."""
     scene = fresh("CYCLES")
     # Longer than what follows takes, by far: after it the rest is waited for.
     scene.frame_start, scene.frame_end = 1, 12
@@ -169,7 +169,7 @@ def animated():
     disable()
     result["animated"] = {
         "running": running(),
-        "stays": panel.is_registered,
+        "stays": registered(),
         "shown": panel.poll(bpy.context),
     }
     # Again and again: what is enabled meanwhile takes the same panels back.
@@ -179,9 +179,19 @@ def animated():
         yield 0.2
         disable()
     yield from rest_enabled()
-    result["animated"]["ends"] = panel.is_registered
+    result["animated"]["ends"] = registered()
     yield from rest("animated")
     result["animated"]["back"] = panel.is_registered and panel.poll(bpy.context)
+
+
+def registered():
+    """What buttons that were laid out hold, and whether it is there: a panel and properties."""
+    return {
+        "panel": hasattr(bpy.types, "OBJECT_PT_refractive_glass"),
+        "operator": hasattr(bpy.types, "OBJECT_OT_refractive_glass_add"),
+        "settings": hasattr(bpy.types.Scene, "refractive_glass"),
+        "medium": hasattr(bpy.types.Object, "refractive_glass_medium"),
+    }
 
 
 def compared():
