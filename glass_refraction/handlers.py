@@ -210,7 +210,9 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
     _rendering = True
     if not own(scene):
         go_on()
-        door.memory_of(scene).last = []
+        memory = door.memory_of(scene)
+        memory.last = []
+        memory.masks.clear()
     if threading.current_thread() is not threading.main_thread() or own(scene):
         list_objects(find_own_scenes(scene))
         return

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .rays.caster import Casters
     from .rays.follow import Kept
     from .rays.frame import ViewReport
+    from .read.cutouts import Masks
     from .read.glasses import Glass
     from .read.sources import Snapshot
     from .vertices.appearance import Appearance, Source
@@ -82,6 +83,7 @@ class Memory:
     paths : glass and colour -> the paths that are kept.
     casters : of rays, which know what stands in their targets.
     kept, kept_light : ways of rays that the next frame may use, of the eye's and of the lamps'.
+    masks : what was read of images in this render.
     covered : (height, width) pixels of the last picture that a glass covers, in True shading.
     """
 
@@ -102,6 +104,7 @@ class Memory:
     """What was wrong with the last picture, for who looks at it when the scene is prepared anew."""
     casters: Casters | None = None
     covered: np.ndarray | None = None
+    masks: Masks = field(default_factory=dict)
     kept: Kept | None = None
     kept_light: KeptLight | None = None
     status: Status = field(default_factory=Status)

@@ -77,7 +77,7 @@ def light_maps(
     things = scene.things
     is_lamp = np.array([look.is_lamp for look in things.looks], bool)[things.surface]
     # Lamps do not stand in the way of each other's light.
-    caster = Past(scene.caster, lambda triangle, _: ~is_lamp[triangle], skin)
+    caster = Past(scene.caster, lambda met: ~is_lamp[met.triangle], skin)
     # In large steps: ways are kept while it stays, though things move.
     farthest = (
         np.linalg.norm(np.abs(things.box() - middle).max(axis=0)) if things.points.size else 0.0

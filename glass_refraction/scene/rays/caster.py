@@ -18,7 +18,7 @@ from ..build.own_scenes import new_object
 from ..memory import counters
 from ..names import TAG, hidden_name, own
 from ..progress import check
-from .things import Triangles
+from .things import Met, Triangles
 
 FAR = 1e30
 """Stands for no hit, in units of the caster's scale; float32 holds it."""
@@ -116,8 +116,7 @@ class Caster:
 class Past:
     """A caster of what counts alone: rays pass all else.
 
-    counts : takes numbers of triangles (K,) that rays meet and the rays' directions (K, 3); tells
-        (K,) which of these they meet indeed.
+    counts : tells (K,) of what rays would meet which they meet indeed.
     skin : metres by which a ray is put behind others at least.
     """
 
@@ -127,7 +126,8 @@ class Past:
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `Caster.cast`."""
         distance, triangle = self._caster.cast(origins, directions)
-        left = self._passed(np.arange(len(triangle)), triangle, directions)
+        met = Met(triangle, distance, origins, directions)
+        left = self._passed(np.arange(len(triangle)), met)
         for _ in range(MOST_PASSED):
             if not len(left):
                 return distance, triangle
@@ -135,17 +135,17 @@ class Past:
             begin = origins[left] + passed[:, None] * directions[left]
             further, triangle[left] = self._caster.cast(begin, directions[left])
             distance[left] = passed + further
-            left = self._passed(left, triangle, directions)
+            left = self._passed(left, met)
         distance[left], triangle[left] = np.inf, -1
         return distance, triangle
 
-    def _passed(self, some: np.ndarray, triangle: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    def _passed(self, some: np.ndarray, met: Met) -> np.ndarray:
         """The numbers of those of some rays that meet what does not count."""
-        some = some[triangle[some] >= 0]
-        return some[~self._counts(triangle[some], directions[some])]
+        some = some[met.triangle[some] >= 0]
+        return some[~self._counts(met.take(some))]
 
 
-Counts = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Counts = Callable[[Met], np.ndarray]
 
 
 def _fill(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -> None:

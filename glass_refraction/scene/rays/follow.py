@@ -230,7 +230,7 @@ class Follower:
         self._beyond = (
             self.caster
             if through is None
-            else Past(self.caster, lambda triangle, _: through[triangle], self._skin)
+            else Past(self.caster, lambda met: through[met.triangle], self._skin)
         )
         self._is_lamp = np.array([look.is_lamp for look in self.things.looks], bool)
         placed = [glass for _, glasses in self.bands for glass in glasses]

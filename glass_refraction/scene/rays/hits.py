@@ -13,7 +13,7 @@ from .caster import Caster, Past
 from .columns import Columns, joined
 from .sketches import Sketch, Sketches
 from .sky import Sky
-from .things import Things
+from .things import Met, Things
 from .views import WIDEST, RadianceView, aimed_view, squares, virtual_eye, weighted_median
 
 UNSEEN, KNOWN = -1, -2
@@ -164,7 +164,8 @@ class Scene:
 
     Attributes
     ----------
-    caster : of what light meets that leaves a glass: of lamps it passes what is dark for it.
+    caster : of what light meets that leaves a glass: of lamps it passes what is dark for it, of
+        what an image cuts out the holes.
     eyes : of what cameras show: lamps are hidden from most.
     """
 
@@ -190,23 +191,32 @@ class Scene:
         self._is_hole = np.array([look.is_hole for look in looks], bool)
         self._is_hidden = np.array([look.is_hidden for look in looks], bool)
         self._is_uncaptured = np.array([look.is_uncaptured for look in looks], bool)
-        self.caster = Past(caster, self._is_there, skin) if self._is_lamp.any() else caster
+        self._is_cut = np.array([look.cutout is not None for look in looks], bool)
+        varies = self._is_lamp.any() or self._is_cut.any()
+        self.caster = Past(caster, self._is_there, skin) if varies else caster
         hides = self._is_hidden.any()
         self.eyes = Past(self.caster, self._is_shown, skin) if hides else self.caster
 
-    def _is_there(self, triangle: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """(K,) whether rays meet triangles: lamps are there for light of their own only."""
-        surface = self.things.surface[triangle]
-        there = np.ones(len(triangle), bool)
-        for number in np.unique(surface[self._is_lamp[surface]]):
+    def _is_there(self, met: Met) -> np.ndarray:
+        """(K,) whether rays meet what is there.
+
+        Lamps are there for light of their own only, and what an image cuts out is there in part.
+        """
+        surface = self.things.surface[met.triangle]
+        there = np.ones(len(surface), bool)
+        for number in np.unique(surface[(self._is_lamp | self._is_cut)[surface]]):
             here = np.flatnonzero(surface == number)
-            look, normals = self.things.looks[number], self.normals[triangle[here]]
-            there[here] = any(look.radiance) & (look.lights(normals, directions[here]) > 0.0)
+            look, found = self.things.looks[number], met.take(here)
+            if look.cutout is not None:
+                there[here] = ~look.cutout.clears(self.things.mapped(found))
+                continue
+            lit = look.lights(self.normals[found.triangle], found.direction) > 0.0
+            there[here] = any(look.radiance) & lit
         return there
 
-    def _is_shown(self, triangle: np.ndarray, _) -> np.ndarray:
-        """(K,) whether cameras show triangles that their rays meet."""
-        return ~self._is_hidden[self.things.surface[triangle]]
+    def _is_shown(self, met: Met) -> np.ndarray:
+        """(K,) whether cameras show what their rays meet."""
+        return ~self._is_hidden[self.things.surface[met.triangle]]
 
     def is_known(self, ways: Ways) -> np.ndarray:
         """(K,) whose light is known without a view: lamps, a sky of one colour, and none."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ..read.cutouts import Cutout
 from ..read.node_ends import TOLD_APART, asks_for, leading_node
 from .beams import Beam
 
@@ -41,6 +42,7 @@ class Look:
     faces : 1: it gives light on the side of its normals only; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
     factors : of its light that comes through a glass, and that one mirrors.
+    cutout : where nothing of it is there.
     """
 
     albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
@@ -57,6 +59,7 @@ class Look:
     is_mirror: bool = False
     reflectance: float = DIELECTRIC
     factors: tuple[float, float] = (1.0, 1.0)
+    cutout: Cutout | None = None
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """(K,) how bright it is, over its radiance, for ways that meet it.

@@ -30,13 +30,19 @@ class Known:
     def __init__(self, things: Things, counts: np.ndarray | None) -> None:
         self.corners = things.points[things.triangles]
         looks = zip(things.owners, things.looks, strict=True)
-        # Where lamps are dark they are not there.
-        kinds = [(owner, look.is_lamp, look.beam, any(look.radiance)) for owner, look in looks]
+        # Where lamps are dark they are not there, nor what an image cuts out.
+        kinds = [
+            (owner, look.is_lamp, look.beam, any(look.radiance), look.cutout and look.cutout.stamp)
+            for owner, look in looks
+        ]
         kind = np.array([hash(kind) for kind in kinds], np.int64)
         seen = 1 if counts is None else counts.astype(np.int64)
         code = kind[things.surface].view(np.uint64)
         for part in (np.broadcast_to(seen, len(code)), *_bits(self.corners)):
             code = fold(code, part)
+        cut = np.flatnonzero(things.uv_row >= 0)
+        for part in _bits(things.uv[things.uv_row[cut]].astype(float)):
+            code[cut] = fold(code[cut], part)
         self._code = code
 
     def moved_to(self, other: Known) -> tuple[Boxes, np.ndarray]:
@@ -70,8 +76,9 @@ def _places(codes: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _bits(corners: np.ndarray) -> np.ndarray:
-    """(9, T) whole numbers that are equal where corners (T, 3, 3) are."""
-    return np.ascontiguousarray(corners.reshape(-1, 9).T).view(np.int64)
+    """(3 k, T) whole numbers that are equal where corners (T, 3, k) are."""
+    flat = corners.reshape(len(corners), corners.shape[1] * corners.shape[2])
+    return np.ascontiguousarray(flat.T).view(np.int64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,10 @@ import numpy as np
 
 from ...optics.vectors import rotated
 from ..names import own
-from ..read.arrays import mesh_triangles, positions
+from ..read.arrays import mesh_triangles, positions, uv_map
+from ..read.cutouts import Masks, cutout_of, is_invisible
 from ..read.light_linking import is_mirrored
+from .columns import Columns
 from .lamps import lamp_shape
 from .looks import Look, LookOf, hole_look, look_of, marked_look, softbox_look
 
@@ -38,6 +40,22 @@ class Triangles:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Met(Columns):
+    """What rays meet.
+
+    Attributes
+    ----------
+    triangle : (K,) its number. distance : (K,) metres to it.
+    origin, direction : (K, 3) of the rays, world.
+    """
+
+    triangle: np.ndarray
+    distance: np.ndarray
+    origin: np.ndarray
+    direction: np.ndarray
+
+
 UNMET = frozenset(("VOLUME", "CURVES", "POINTCLOUD", "GREASEPENCIL"))
 """Types of what is drawn without faces; hair of particles is, too."""
 
@@ -51,12 +69,16 @@ class Things(Triangles):
     surface : (T,) int32, number of the look of each triangle.
     looks : what is known of each surface without rendering it.
     owners : of each look, the name of the object that shows it: of an instance, its instancer.
+    uv_row : (T,) int32, row in ``uv`` of the triangles whose look has a cutout; −1: of others.
+    uv : (U, 3, 2) float32, where their corners lie on the cutout's UV map.
     unmet : names of the objects that show what no ray meets, see `UNMET`.
     """
 
     surface: np.ndarray
     looks: tuple[Look, ...]
     owners: tuple[str, ...]
+    uv_row: np.ndarray
+    uv: np.ndarray
     unmet: tuple[str, ...] = ()
 
     def surfaces(self, triangle: np.ndarray) -> np.ndarray:
@@ -66,6 +88,19 @@ class Things(Triangles):
         found[met] = self.surface[triangle[met]]
         return found
 
+    def mapped(self, met: Met) -> np.ndarray:
+        """(K, 2) where rays meet triangles with a cutout, on its UV map."""
+        a, b, c = (self.points[self.triangles[met.triangle, k]] for k in range(3))
+        place = met.origin + met.distance[:, None] * met.direction - a
+        b, c = b - a, c - a
+        normal = np.cross(b, c)
+        area = np.einsum("nk,nk->n", normal, normal)
+        area = np.where(area > 0.0, area, 1.0)
+        second = np.einsum("nk,nk->n", np.cross(place, c), normal) / area
+        third = np.einsum("nk,nk->n", np.cross(b, place), normal) / area
+        weights = np.stack((1.0 - second - third, second, third), axis=1)
+        return np.einsum("nk,nkd->nd", weights, self.uv[self.uv_row[met.triangle]])
+
     def box(self) -> np.ndarray:
         """(2, 3): the lowest and the highest coordinates; of nothing, an empty box."""
         if not len(self.points):
@@ -74,7 +109,11 @@ class Things(Triangles):
 
 
 def read_things(
-    depsgraph: bpy.types.Depsgraph, left_out: frozenset[str], mirrors: frozenset[str], engine: str
+    depsgraph: bpy.types.Depsgraph,
+    left_out: frozenset[str],
+    mirrors: frozenset[str],
+    engine: str,
+    masks: Masks,
 ) -> Things:
     """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
 
@@ -84,9 +123,10 @@ def read_things(
     ----------
     left_out : names of objects that no ray meets here: glasses, of other scenes too.
     mirrors : names of the glasses, whose light linking counts for lamps and softboxes.
-    engine : of the render; Workbench is lit by no lamps.
+    engine : of the render; Workbench is lit by no lamps and cuts nothing out.
+    masks : what was read of images in this render.
     """
-    builder = _Builder()
+    builder = _Builder(None if engine == "BLENDER_WORKBENCH" else masks)
     for instance in depsgraph.object_instances:
         obj = instance.object
         original = obj.original
@@ -125,13 +165,17 @@ def _has_hair(obj: bpy.types.Object) -> bool:
 
 
 class _Builder:
-    def __init__(self) -> None:
+    def __init__(self, masks: Masks | None) -> None:
+        self._masks = masks
         self.unmet: dict[str, None] = {}
         self.points: list[np.ndarray] = [np.empty((0, 3))]
         self.triangles: list[np.ndarray] = [np.empty((0, 3), np.int32)]
         self.surface: list[np.ndarray] = [np.empty(0, np.int32)]
         self.looks: list[Look] = []
         self.owners: list[str] = []
+        self.uv_row: list[np.ndarray] = [np.empty(0, np.int32)]
+        self.uv: list[np.ndarray] = [np.empty((0, 3, 2), np.float32)]
+        self._mapped = 0
         self._meshes: dict[int, tuple] = {}
         self._numbers: dict[tuple, int] = {}
         self._count = 0
@@ -149,15 +193,29 @@ class _Builder:
         key = mesh.as_pointer()
         if not (shared and key in self._meshes):
             self._meshes[key] = _read(mesh)
-        local, corners, slots = self._meshes[key]
+        local, corners, slots, loops = self._meshes[key]
         if not len(corners):
             return
         surface = self._look_numbers(obj, owner, mesh, int(slots.max()), look)[slots]
         if (surface < 0).any():
-            corners, surface = corners[surface >= 0], surface[surface >= 0]
+            met = surface >= 0
+            corners, loops, surface = corners[met], loops[met], surface[met]
         if len(corners):
             points = rotated(to_world[:3, :3], local.T).T + to_world[:3, 3]
-            self._add(points, corners, surface)
+            self._add(points, corners, surface, self._uv_rows(mesh, loops, surface))
+
+    def _uv_rows(self, mesh: bpy.types.Mesh, loops, surface) -> np.ndarray:
+        """Of triangles, by their face corners, the rows in ``uv``; −1 where nothing is cut out."""
+        rows = np.full(len(surface), -1, np.int32)
+        for number in np.unique(surface):
+            cutout = self.looks[number].cutout
+            if cutout is None:
+                continue
+            here = np.flatnonzero(surface == number)
+            rows[here] = self._mapped + np.arange(len(here), dtype=np.int32)
+            self._mapped += len(here)
+            self.uv.append(uv_map(mesh, cutout.uv_map)[loops[here]])
+        return rows
 
     def add_lamp(self, obj: bpy.types.Object, to_world: np.ndarray, engine: str) -> None:
         """A lamp that has a size, as the surface that gives its light."""
@@ -168,7 +226,8 @@ class _Builder:
         self.looks.append(replace(look, is_hidden=not obj.visible_camera))
         self.owners.append(obj.original.name)
         number = len(self.looks) - 1
-        self._add(points, corners, np.full(len(corners), number, np.int32))
+        surface, rows = np.full((2, len(corners)), ((number,), (-1,)), np.int32)
+        self._add(points, corners, surface, rows)
 
     def _look_numbers(self, obj, owner, mesh, highest: int, look_of) -> np.ndarray:
         """The number of the look of each material slot up to the highest in use; −1: of none."""
@@ -180,7 +239,7 @@ class _Builder:
                 material = mesh.materials[slot] if slot < len(mesh.materials) else None
             key = (owner.name, obj.original.name, material.name if material else "")
             if key not in self._numbers:
-                look = look_of(material)
+                look = self._cut(look_of(material), material)
                 self._numbers[key] = -1 if look is None else len(self.looks)
                 if look is not None:
                     self.looks.append(look)
@@ -188,7 +247,16 @@ class _Builder:
             numbers.append(self._numbers[key])
         return np.array(numbers, np.int32)
 
-    def _add(self, points, corners, surface) -> None:
+    def _cut(self, look: Look | None, material: bpy.types.Material | None) -> Look | None:
+        """The look with what its material cuts out; None where nothing is left."""
+        if look is None or self._masks is None:
+            return look
+        if is_invisible(material):
+            return None
+        return replace(look, cutout=cutout_of(material, self._masks))
+
+    def _add(self, points, corners, surface, uv_rows) -> None:
+        self.uv_row.append(uv_rows)
         self.points.append(points)
         self.triangles.append(corners + self._count)
         self.surface.append(surface)
@@ -201,13 +269,15 @@ class _Builder:
             np.concatenate(self.surface).astype(np.int32),
             tuple(self.looks),
             tuple(self.owners),
+            np.concatenate(self.uv_row),
+            np.concatenate(self.uv),
             tuple(self.unmet),
         )
 
 
-def _read(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (V, 3), triangles (T, 3) and their material slots (T,) of a mesh."""
-    corners = mesh_triangles(mesh)
+def _read(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points (V, 3) and triangles (T, 3) of a mesh, their slots (T,) and face corners (T, 3)."""
+    corners, loops = mesh_triangles(mesh), mesh_triangles(mesh, "loops")
     slots = np.zeros(len(corners), np.int32)
     if "material_index" in mesh.attributes:
         slots = mesh_triangles(mesh, "material_index")
@@ -215,6 +285,6 @@ def _read(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     finite = np.isfinite(local).all(axis=1)
     if not finite.all():
         keep = finite[corners].all(axis=1)
-        corners, slots = corners[keep], slots[keep]
+        corners, slots, loops = corners[keep], slots[keep], loops[keep]
         local = np.where(finite[:, None], local, 0.0)
-    return local, corners, np.maximum(slots, 0)
+    return local, corners, np.maximum(slots, 0), loops

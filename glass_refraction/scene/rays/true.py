@@ -421,7 +421,7 @@ def _read(
     camera = scene.camera.evaluated_get(depsgraph).data
     return FrameInput(
         glasses=glasses,
-        things=read_things(depsgraph, left_out, mirrors, render.engine),
+        things=read_things(depsgraph, left_out, mirrors, render.engine, memory_of(scene).masks),
         sky=sky_of(user, tuple(suns), shown_world(user, depsgraph.view_layer)),
         view=view,
         near=float(camera.clip_start),

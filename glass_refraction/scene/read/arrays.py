@@ -52,6 +52,15 @@ def positions(mesh: bpy.types.Mesh) -> np.ndarray:
     return out
 
 
+def uv_map(mesh: bpy.types.Mesh, name: str = "") -> np.ndarray:
+    """A UV map (L, 2), float32; without a name the one that renders use, 0 where there is none."""
+    used = (layer.name for layer in mesh.uv_layers if layer.active_render)
+    layer = mesh.attributes.get(name or next(used, ""))
+    if layer is None or (layer.data_type, layer.domain) != ("FLOAT2", "CORNER"):
+        return np.zeros((len(mesh.loops), 2), np.float32)
+    return read_attribute(layer)
+
+
 def edges(mesh: bpy.types.Mesh) -> np.ndarray:
     """Vertex pairs (E, 2), int32."""
     out = np.empty((len(mesh.edges), 2), np.int32)

@@ -604,7 +604,7 @@ def test_what_blender_makes_a_mesh_of_is_read_once(make):
     mesh.calc_loop_triangles()
     count = len(mesh.loop_triangles)
     obj.evaluated_get(depsgraph).to_mesh_clear()
-    things = read_things(depsgraph, frozenset(), frozenset(), "CYCLES")
+    things = read_things(depsgraph, frozenset(), frozenset(), "CYCLES", {})
     assert len(things.triangles) == count > 0
 
 
