@@ -40,9 +40,10 @@ class Known:
         code = kind[things.surface].view(np.uint64)
         for part in (np.broadcast_to(seen, len(code)), *_bits(self.corners)):
             code = fold(code, part)
-        cut = np.flatnonzero(things.uv_row >= 0)
-        for part in _bits(things.uv[things.uv_row[cut]].astype(float)):
-            code[cut] = fold(code[cut], part)
+        if things.uv is not None:
+            cut = np.flatnonzero(things.uv_row >= 0)
+            for part in _bits(things.uv[things.uv_row[cut]].astype(float)):
+                code[cut] = fold(code[cut], part)
         self._code = code
 
     def moved_to(self, other: Known) -> tuple[Boxes, np.ndarray]:
@@ -77,7 +78,8 @@ def _places(codes: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 def _bits(corners: np.ndarray) -> np.ndarray:
     """(3 k, T) whole numbers that are equal where corners (T, 3, k) are."""
-    flat = corners.reshape(len(corners), corners.shape[1] * corners.shape[2])
+    _, three, width = corners.shape
+    flat = corners.reshape(-1, three * width)
     return np.ascontiguousarray(flat.T).view(np.int64)
 
 

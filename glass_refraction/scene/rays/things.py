@@ -69,17 +69,17 @@ class Things(Triangles):
     surface : (T,) int32, number of the look of each triangle.
     looks : what is known of each surface without rendering it.
     owners : of each look, the name of the object that shows it: of an instance, its instancer.
-    uv_row : (T,) int32, row in ``uv`` of the triangles whose look has a cutout; −1: of others.
-    uv : (U, 3, 2) float32, where their corners lie on the cutout's UV map.
     unmet : names of the objects that show what no ray meets, see `UNMET`.
+    uv_row : (T,) int32, row in ``uv`` of the triangles whose look has a cutout; −1: of others.
+    uv : (U, 3, 2) float32, where their corners lie on the cutout's UV map. None: no look has one.
     """
 
     surface: np.ndarray
     looks: tuple[Look, ...]
     owners: tuple[str, ...]
-    uv_row: np.ndarray
-    uv: np.ndarray
     unmet: tuple[str, ...] = ()
+    uv_row: np.ndarray | None = None
+    uv: np.ndarray | None = None
 
     def surfaces(self, triangle: np.ndarray) -> np.ndarray:
         """(K,) numbers of the looks of triangles (K,); −1 for −1, where none is met."""
@@ -174,7 +174,7 @@ class _Builder:
         self.looks: list[Look] = []
         self.owners: list[str] = []
         self.uv_row: list[np.ndarray] = [np.empty(0, np.int32)]
-        self.uv: list[np.ndarray] = [np.empty((0, 3, 2), np.float32)]
+        self.uv: list[np.ndarray] = []
         self._mapped = 0
         self._meshes: dict[int, tuple] = {}
         self._numbers: dict[tuple, int] = {}
@@ -269,9 +269,9 @@ class _Builder:
             np.concatenate(self.surface).astype(np.int32),
             tuple(self.looks),
             tuple(self.owners),
-            np.concatenate(self.uv_row),
-            np.concatenate(self.uv),
             tuple(self.unmet),
+            np.concatenate(self.uv_row) if self.uv else None,
+            np.concatenate(self.uv) if self.uv else None,
         )
 
 
