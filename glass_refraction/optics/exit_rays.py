@@ -155,7 +155,7 @@ class _Live:
     part: Floats
     aside: Floats
     thing: NDArray[np.int32]
-    kept: NDArray[np.int8]
+    kept: NDArray[np.int16]
 
     def __len__(self) -> int:
         return len(self.ray)
@@ -261,7 +261,7 @@ class _Followed:
             part=np.ones(count),
             aside=np.zeros((3 if self.cast is not None else 0, count)),
             thing=np.full(count, -1, dtype=np.int32),
-            kept=np.zeros(count, dtype=np.int8),
+            kept=np.zeros(count, dtype=np.int16),
         )
 
     # ---- one step -----------------------------------------------------------------------
@@ -544,14 +544,14 @@ class _Followed:
         dark.depth = np.full_like(dark.depth, np.inf)
         return seen, dark, through, off, *dropped
 
-    def _kept(self, live: _Live, reflectance: Floats, crossing: _Crossing) -> NDArray[np.int8]:
+    def _kept(self, live: _Live, reflectance: Floats, crossing: _Crossing) -> NDArray[np.int16]:
         """`_Live.kept` behind the interfaces."""
         stays = live.kept == live.events
         if self.meshes:
             stays |= np.abs(crossing.normal - crossing.flat).max(axis=0) > OWN
         stays &= reflectance == 1.0
         straight = crossing.straight
-        return np.where(straight | stays, live.kept + ~straight, 0).astype(np.int8)
+        return np.where(straight | stays, live.kept + ~straight, 0).astype(np.int16)
 
     def _sunk(self, turned: Floats, flat: Floats, straight) -> NDArray[np.bool_]:
         """Which refracted rays (3, L) are behind the face; others end black, as in Cycles.

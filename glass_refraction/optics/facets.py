@@ -31,7 +31,7 @@ def placed(points: Floats, normals: Floats, linear: Floats, shift: Floats | floa
     return points, np.where(usable, normals / np.where(usable, length, 1.0), flat[:, None]), area
 
 
-ENDLESS = 64
+ENDLESS = 128
 """Events after which no way is followed on."""
 
 

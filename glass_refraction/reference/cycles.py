@@ -458,7 +458,8 @@ def _left_over(
 ) -> bpy.types.NodeSocket:
     """Beer and Lambert's law for the way since the last surface, without a volume's noise.
 
-    What is left is multiplied by the surface's colour.
+    What is left is multiplied by the surface's colour. Ways that end at a thing within the glass
+    meet no further surface of it: their last stretch is not tinted.
     """
     side = tree.nodes.new("ShaderNodeNewGeometry")
     ray = tree.nodes.new("ShaderNodeLightPath")

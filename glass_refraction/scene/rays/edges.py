@@ -117,7 +117,7 @@ class _Seen:
         sketch.look(asked)
         surface, dazzled = sketch.surface, np.zeros(asked.shape, bool)
         if shines.any():
-            bright = (surface >= 0) & shines[surface]
+            bright = (surface >= 0) & shines[np.maximum(surface, 0)]
             dazzled = _spread(_spread(bright, 0, 1), 1, 1) & (surface != UNKNOWN)
             surface = np.where(dazzled & ~bright, GLARE, surface)
         borders = tuple(_borders(surface, sketch.far, sketch.step, a) for a in (1, 0))

@@ -482,7 +482,8 @@ def _summed(
         order = order[strongest(pixel[order], weight[order])]
         uv = view.uv(lookups.place[order]) if len(order) else np.zeros((0, 2))
         tinted = lookups.colour[order] * lookups.share[order, None]
-        part = pack(packed, pixel[order], uv, tinted)
+        most = frame.exposure * lookups.most[order] * weight[order]
+        part = pack(packed, pixel[order], uv, tinted, most)
         parts.append(part)
         weights.append(weight[order].astype(np.float32))
         count, hidden = 1, NO_CURTAIN

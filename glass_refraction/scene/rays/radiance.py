@@ -44,12 +44,18 @@ class Clamp:
         """
         light = np.broadcast_to(np.asarray(radiance, float), (len(ways), 3))
         tint = ways.colour / np.where(ways.weight > 0.0, ways.weight, 1.0)[:, None]
-        most = np.where(ways.events > 1, self.indirect, self.direct)
+        most = self.most(ways)
         found = (np.abs(light) * tint).mean(axis=1) * np.where(ways.rough, part, 1.0)
-        over = (most > 0.0) & (found > most)
-        return light * (part * np.where(over, most / np.where(over, found, 1.0), 1.0))[:, None]
+        return light * (part * most / np.maximum(found, most))[:, None]
+
+    def most(self, ways: Ways) -> np.ndarray:
+        """(K,) most light along each way."""
+        direct, indirect = (limit or NO_LIMIT for limit in (self.direct, self.indirect))
+        return np.where(ways.events > 1, indirect, direct)
 
 
+NO_LIMIT = 1e30
+"""More than any light."""
 UNLIMITED = Clamp()
 
 
@@ -79,6 +85,7 @@ class Lookups(Columns):
     ----------
     pixel : (K,) its number in the picture. share : (K,) part of it that the way's ray stands for.
     weight : (K,) part of the pixel's light. colour : (K, 3) of the ray's light, with tints.
+    most : (K,) light that comes along it at most, tints counted: see `Clamp`.
     view, place : (K,) number of the view or `UNSEEN` or `KNOWN`, and pixels (K, 2) there.
     triangle : (K,) of the things that is met, −1: the sky.
     at : (K, 3) where that is; in the sky the direction.
@@ -90,6 +97,7 @@ class Lookups(Columns):
     share: np.ndarray
     weight: np.ndarray
     colour: np.ndarray
+    most: np.ndarray
     view: np.ndarray
     place: np.ndarray
     triangle: np.ndarray
@@ -109,6 +117,7 @@ class Lookups(Columns):
             share,
             ways.weight * share,
             ways.colour,
+            clamp.most(ways).astype(np.float32),
             shown.view,
             shown.pixels,
             ways.triangle,

@@ -33,7 +33,8 @@ class Packed:
     Attributes
     ----------
     where : place in the view (u, v) and 1, or 0 where there is no sample.
-    colour : what is looked up is multiplied by this.
+    colour : what is looked up is multiplied by this. Alpha is the most that the mean of red,
+        green and blue may then be.
     pairs : for each level the places in the level below of both addends, and 1 or 0.
     into : for the packed pixels, the place of their sum after `EARLY` levels, and 1 or 0; and for
         the others that in the last level.
@@ -78,13 +79,15 @@ class PackedPixels:
         return out.reshape(height, width, 4)
 
 
-def pack(pixels: PackedPixels, pixel: np.ndarray, uv: np.ndarray, colour: np.ndarray) -> Packed:
+def pack(
+    pixels: PackedPixels, pixel: np.ndarray, uv: np.ndarray, colour: np.ndarray, most: np.ndarray
+) -> Packed:
     """The pictures of one view's samples.
 
     Parameters
     ----------
     pixel : (K,) number of each sample's pixel in the picture, rising; at most `MOST` equal ones.
-    uv : (K, 2) places in the view, 0 to 1. colour : (K, 3).
+    uv : (K, 2) places in the view, 0 to 1. colour, most : (K, 3) and (K,), see `Packed.colour`.
     """
     check()
     rows = _rows(len(pixel))
@@ -111,7 +114,9 @@ def pack(pixels: PackedPixels, pixel: np.ndarray, uv: np.ndarray, colour: np.nda
         pairs.append(tuple(map(_picture, places)))
         at, below = np.arange(len(owner)), _rows(len(owner))
     end(owner, at, below)
-    return Packed(_picture(where, rows), _picture(colour, rows), pairs, tuple(into))
+    colour = _picture(colour, rows)
+    colour.reshape(-1, 4)[: len(most), 3] = most
+    return Packed(_picture(where, rows), colour, pairs, tuple(into))
 
 
 def strongest(pixel: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -16,6 +16,8 @@ from .samples import EARLY, LEVELS, Packed
 
 SHARPENINGS = 3
 """Steps that undo a spline's blur: of lines, be they fine or coarse, 1 % of it is left."""
+LEAST_LIGHT = 1e-12
+"""Keeps a quotient finite."""
 LEAST_LEFT = 1.0 / 3.0
 """What a cubic B-spline leaves of the finest lines. Of a chequerboard it leaves 1/9, which
 only noise asks back."""
@@ -149,8 +151,10 @@ class _ViewTree(_Lookups):
         else:
             looked_up = self._at(image, where, "Bilinear")
         # Alpha is what the samples' weights show; a tint takes none of it.
-        colour = self._picture(number, kind)
+        colour, most = (self._picture(number, kind, output=part) for part in ("Image", "Alpha"))
         found = self._vector("MULTIPLY", looked_up, colour)
+        if kind == "colour":
+            found = self._limited(found, most)
         done = None
         for level in range(LEVELS):
             if level == EARLY:
@@ -161,6 +165,12 @@ class _ViewTree(_Lookups):
         rest = self._at(found, self._picture(number, "into", 1))
         found = self._vector("ADD", done, rest)
         self._link(found, self._node("NodeGroupOutput").inputs["Image"])
+
+    def _limited(self, light, most):
+        """Light whose mean of red, green and blue is above a limit, scaled down to it."""
+        mean = self._vector("DOT_PRODUCT", light, (1.0 / 3.0,) * 3)
+        part = self._math("DIVIDE", most, self._math("MAXIMUM", mean, LEAST_LIGHT))
+        return self._scaled(light, self._math("MINIMUM", part, 1.0))
 
     def _interpolated(self, image, where):
         """A view's colours at places: by splines up to white, straight what is brighter.

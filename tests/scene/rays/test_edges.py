@@ -34,9 +34,9 @@ class Card:
         return np.where(on, CARD_AT, self.wall) / -directions[:, 2], np.where(on, CARD, WALL)
 
 
-def _scene(caster, looks=()):
+def _scene(caster, looks=(), surfaces=(CARD, WALL)):
     normals = np.tile((0.0, 0.0, 1.0), (2, 1))
-    things = Things(np.zeros((0, 3)), np.zeros((0, 3), int), np.array([CARD, WALL]), looks, ())
+    things = Things(np.zeros((0, 3)), np.zeros((0, 3), int), np.array(surfaces), looks, ())
     return SimpleNamespace(things=things, sketch=lambda view: Sketch(view, things, normals, caster))
 
 
@@ -124,6 +124,15 @@ def test_beside_what_shines_one_pixel_more_is_kept_off():
     assert np.array_equal(dim, _moved(Card(), pixels, wanted))
     far = _from_border(pixels) > 3.5
     assert np.array_equal(lit[far], pixels[far])
+
+
+def test_what_shines_may_be_all_there_is():
+    """What nobody has looked at was taken for a surface before the first one: IndexError."""
+    pixels = _lookups(5)
+    scene = _scene(Card(), (Look(radiance=(9.0, 0.0, 0.0)),), (CARD, CARD))
+    moved = pixels.copy()
+    off_edges(scene, [_view()], np.zeros(5, int), moved, np.full(5, CARD))
+    assert np.array_equal(moved, pixels)
 
 
 def test_what_is_too_thin_for_a_pixel_stays_where_it_is():

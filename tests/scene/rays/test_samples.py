@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scenes
 
+from glass_refraction.scene.rays.radiance import NO_LIMIT
 from glass_refraction.scene.rays.samples import (
     EARLY,
     LEVELS,
@@ -64,7 +65,7 @@ def test_the_pictures_add_up_each_pixels_samples_exactly(most):
     size = (40, 30)
     pixels, pixel, uv, colour = _samples(random, most, 1200 if most < 4 else 40, size)
     everywhere = PackedPixels(np.unique(np.concatenate((pixels, [0, 1199]))))
-    packed = pack(everywhere, pixel, uv, colour)
+    packed = pack(everywhere, pixel, uv, colour, np.ones(len(pixel)))
     assert len(packed.pairs) == LEVELS
     # What each sample finds in its view: another whole number.
     looked_up = np.zeros((*packed.where.shape[:2], 3), np.float32)
@@ -79,7 +80,7 @@ def test_the_pictures_add_up_each_pixels_samples_exactly(most):
 def test_places_of_samples_stand_in_the_picture_one_after_another():
     random = np.random.default_rng(0)
     pixels, pixel, uv, colour = _samples(random, 25)
-    packed = pack(PackedPixels(pixels), pixel, uv, colour)
+    packed = pack(PackedPixels(pixels), pixel, uv, colour, np.ones(len(pixel)))
     where = packed.where.reshape(-1, 4)[: len(pixel)]
     np.testing.assert_array_equal(where[:, :2], uv.astype(np.float32))
     np.testing.assert_array_equal(where[:, 2], 1.0)
@@ -89,11 +90,11 @@ def test_places_of_samples_stand_in_the_picture_one_after_another():
 
 def test_a_view_without_samples_adds_nothing():
     everywhere = PackedPixels(np.array([3, 5]))
-    packed = pack(everywhere, np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 3)))
+    packed = pack(everywhere, np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
     looked_up = np.full((*packed.where.shape[:2], 3), 7.0)
     assert not summed(packed, looked_up, everywhere.spread(np.ones((2, 4)))).any()
     nowhere = PackedPixels(np.zeros(0, int))
-    packed = pack(nowhere, np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 3)))
+    packed = pack(nowhere, np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0))
     assert not summed(packed, looked_up, nowhere.spread(np.ones((2, 4)))).any()
     assert not nowhere.known(np.zeros((0, 3)), np.zeros(0, int))[..., :3].any()
 
@@ -194,7 +195,8 @@ def test_blenders_compositor_adds_up_the_same(tmp_path):
     pixel = np.repeat(pixels, count)
     colour = random.integers(0, 8, (len(pixel), 3)) / 64.0
     everywhere = PackedPixels(pixels)
-    packed = pack(everywhere, pixel, random.uniform(0.1, 0.9, (len(pixel), 2)), colour)
+    uv, most = random.uniform(0.1, 0.9, (len(pixel), 2)), np.ones(len(pixel))
+    packed = pack(everywhere, pixel, uv, colour, most)
     known = random.integers(0, 8, (len(pixels), 3)) / 8.0
 
     def fill(pictures):
@@ -232,7 +234,8 @@ def test_a_view_looked_up_at_its_own_pixels_is_itself(tmp_path, white):
     own_places = pixel_places((32, 24), white).reshape(-1, 4)[:, :2]
 
     def fill(pictures):
-        pictures.write_view(0, pack(everywhere, pixel, own_places, np.ones((768, 3))), pixel)
+        packed = pack(everywhere, pixel, own_places, np.ones((768, 3)), np.full(768, NO_LIMIT))
+        pictures.write_view(0, packed, pixel)
         pictures.write(everywhere.spread(np.zeros((24, 32))), "spread")
         pictures.write(everywhere.known(np.zeros((768, 3)), pixel), "known")
 
