@@ -82,6 +82,7 @@ class Memory:
     paths : glass and colour -> the paths that are kept.
     casters : of rays, which know what stands in their targets.
     kept, kept_light : ways of rays that the next frame may use, of the eye's and of the lamps'.
+    made : session uids of the data-blocks that were made when the scene was prepared.
     covered : (height, width) pixels of the last picture that a glass covers, in True shading.
     """
 
@@ -101,6 +102,7 @@ class Memory:
     last: list[str] = field(default_factory=list)
     """What was wrong with the last picture, for who looks at it when the scene is prepared anew."""
     casters: Casters | None = None
+    made: frozenset[int] = frozenset()
     covered: np.ndarray | None = None
     kept: Kept | None = None
     kept_light: KeptLight | None = None
