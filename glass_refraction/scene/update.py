@@ -188,7 +188,22 @@ def _uncomputed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> list[
         for other in shown_scenes(scene)
         if other.refractive_glass.enabled and all_glasses(rendered_layer(other))
     ]
+    found += [
+        f'Glass "{glass.name}" is not computed in scene "{scene.name}", which has it by its '
+        "background set: link it to the scene (Object > Link/Transfer Data)"
+        for glass in _in_background(scene)
+    ]
     return found
+
+
+def _in_background(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The glasses of a scene's background set, and of that one's, that are not its own."""
+    found, behind = [], scene.background_set
+    while behind is not None:
+        found += [glass for glass in all_glasses(rendered_layer(behind)) if glass not in found]
+        behind = behind.background_set
+    own_ones = all_glasses(rendered_layer(scene)) if found else ()
+    return [glass for glass in found if glass not in own_ones]
 
 
 def _editable(glasses: list[bpy.types.Object], problems: list[str]) -> list[bpy.types.Object]:
