@@ -170,12 +170,6 @@ _RELEVANT = (
 
 
 @persistent
-def _before_frame_change(scene: bpy.types.Scene, *_) -> None:
-    if _rendering:
-        list_objects(find_own_scenes(scene))
-
-
-@persistent
 def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     global _own_rendered
     if own(scene):
@@ -198,8 +192,6 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         door.status(scene).problems = [STOPPED]
     except RefractiveGlassError as error:
         door.status(scene).problems = [str(error)]
-    # Blender evaluates once more what has changed.
-    list_objects(find_own_scenes(scene.original))
 
 
 @persistent
@@ -214,13 +206,27 @@ def _on_render_init(scene: bpy.types.Scene, *_) -> None:
         memory.last = []
         memory.masks.clear()
     if threading.current_thread() is not threading.main_thread() or own(scene):
-        list_objects(find_own_scenes(scene))
         return
     _prepare(scene)
-    # What was made has put all lists out of date: those of other scenes of the user's as well.
-    list_objects(bpy.data.scenes)
     for problem in door.status(scene).problems:
         print(f"Refractive Glass: {problem}")
+
+
+@persistent
+def _list_all(*_) -> None:
+    """The last handler of an event: any before it may have put the lists out of date."""
+    list_objects(bpy.data.scenes)
+
+
+@persistent
+def _list_last(*_) -> None:
+    """Put :func:`_list_all` behind handlers that were added since it was."""
+    for event in _LISTED:
+        handlers = getattr(bpy.app.handlers, event)
+        if _LIST_ALL in handlers and handlers[-1] is not _LIST_ALL:
+            # In this order: another thread may do the same.
+            handlers.append(_LIST_ALL)
+            handlers.remove(_LIST_ALL)
 
 
 @persistent
@@ -329,26 +335,35 @@ def _guarded(function: Callable) -> Callable:
     return handler
 
 
-_TABLE = tuple(
-    (name, _guarded(function))
-    for name, function in (
-        ("depsgraph_update_post", _on_depsgraph_update),
-        ("frame_change_pre", _before_frame_change),
-        ("frame_change_post", _on_frame_change),
-        ("render_init", _on_render_init),
-        ("render_pre", _on_render_frame),
-        ("render_complete", _on_render_complete),
-        ("render_cancel", _on_render_end),
-        ("undo_pre", _before_data_replaced),
-        ("redo_pre", _before_data_replaced),
-        ("undo_post", _on_data_replaced),
-        ("redo_post", _on_data_replaced),
-        ("load_pre", _before_load),
-        ("load_post", _on_load),
-        ("save_pre", _on_save),
-        ("save_post", _on_saved),
-        ("save_post_fail", _on_saved),
-    )
+_LISTED = (
+    *("depsgraph_update_pre", "depsgraph_update_post", "frame_change_pre", "frame_change_post"),
+    *("render_init", "render_pre", "render_post", "render_write"),
+)
+"""Events after which Blender copies scenes, whatever handlers of the user's have changed."""
+_LIST_ALL = _guarded(_list_all)
+_TABLE = (
+    *((event, _guarded(_list_last)) for event in _LISTED),
+    *(
+        (event, _guarded(function))
+        for event, function in (
+            ("depsgraph_update_post", _on_depsgraph_update),
+            ("frame_change_post", _on_frame_change),
+            ("render_init", _on_render_init),
+            ("render_pre", _on_render_frame),
+            ("render_complete", _on_render_complete),
+            ("render_cancel", _on_render_end),
+            ("undo_pre", _before_data_replaced),
+            ("redo_pre", _before_data_replaced),
+            ("undo_post", _on_data_replaced),
+            ("redo_post", _on_data_replaced),
+            ("load_pre", _before_load),
+            ("load_post", _on_load),
+            ("save_pre", _on_save),
+            ("save_post", _on_saved),
+            ("save_post_fail", _on_saved),
+        )
+    ),
+    *((event, _LIST_ALL) for event in _LISTED),
 )
 
 

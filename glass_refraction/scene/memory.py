@@ -84,6 +84,7 @@ class Memory:
     casters : of rays, which know what stands in their targets.
     kept, kept_light : ways of rays that the next frame may use, of the eye's and of the lamps'.
     masks : what was read of images in this render.
+    made : session uids of the data-blocks that were made when the scene was prepared.
     covered : (height, width) pixels of the last picture that a glass covers, in True shading.
     """
 
@@ -103,6 +104,7 @@ class Memory:
     last: list[str] = field(default_factory=list)
     """What was wrong with the last picture, for who looks at it when the scene is prepared anew."""
     casters: Casters | None = None
+    made: frozenset[int] = frozenset()
     covered: np.ndarray | None = None
     masks: Masks = field(default_factory=dict)
     kept: Kept | None = None

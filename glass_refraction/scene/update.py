@@ -23,6 +23,7 @@ import numpy as np
 from .bake.playback import bake_problems, is_held
 from .build.compositor import can_insert, remove_group, remove_stray_nodes, shown_scenes
 from .build.own_scenes import find_own_scenes, remove_leftovers, remove_own_scenes
+from .build.standing import made_for
 from .changes import generation
 from .memory import Status, Step, counters, forget, memory_of, status
 from .names import RefractiveGlassError
@@ -82,6 +83,9 @@ def prepare(
         status(scene).problems = bake_problems(scene)
         return
     _check_scene(scene)
+    if _is_broken(scene):
+        remove(scene, rendering=rendering)
+        forget(scene)
     view_layer = rendered_layer(scene)
     problems = _uncomputed(scene, depsgraph)
     placed = glass_objects(view_layer, ever=True)
@@ -124,12 +128,18 @@ def prepare(
         true.remove(scene)
         displaced.prepare(scene, depsgraph, glasses, view, problems)
     status(scene).problems = problems
+    memory_of(scene).made = made_for(scene)
     for obj in glasses:
         _show_mesh(scene, obj, not _can_be_read(obj, depsgraph))
     for obj in shown_as_meshes:
         _show_mesh(scene, obj, True)
     if not rendering:
         free_leftovers()
+
+
+def _is_broken(scene: bpy.types.Scene) -> bool:
+    """Whether somebody else deleted what was made for the scene."""
+    return not memory_of(scene).made <= made_for(scene)
 
 
 def _check_scene(scene: bpy.types.Scene) -> None:
@@ -178,7 +188,22 @@ def _uncomputed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> list[
         for other in shown_scenes(scene)
         if other.refractive_glass.enabled and all_glasses(rendered_layer(other))
     ]
+    found += [
+        f'Glass "{glass.name}" is not computed in scene "{scene.name}", which has it by its '
+        "background set: link it to the scene (Object > Link/Transfer Data)"
+        for glass in _in_background(scene)
+    ]
     return found
+
+
+def _in_background(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The glasses of a scene's background set, and of that one's, that are not its own."""
+    found, behind = [], scene.background_set
+    while behind is not None:
+        found += [glass for glass in all_glasses(rendered_layer(behind)) if glass not in found]
+        behind = behind.background_set
+    own_ones = all_glasses(rendered_layer(scene)) if found else ()
+    return [glass for glass in found if glass not in own_ones]
 
 
 def _editable(glasses: list[bpy.types.Object], problems: list[str]) -> list[bpy.types.Object]:
@@ -229,6 +254,7 @@ def remove(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
     """
     if scene.library is not None:
         return
+    memory_of(scene).made = frozenset()
     true.remove(scene)
     displaced.remove(scene)
     remove_group(scene)
@@ -302,6 +328,11 @@ def updating(
     memory = memory_of(scene)
     if not scene.refractive_glass.enabled or is_held(scene):
         return memory.status
+    if _is_broken(scene):
+        # A render's thread can build nothing.
+        raise RefractiveGlassError(
+            f'What was made for the glasses of scene "{scene.name}" was deleted: render again'
+        )
     if not find_own_scenes(scene) or _is_of_another_layer(scene, depsgraph):
         return memory.status
     view = read_viewpoint(scene, depsgraph)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 
 import glass_refraction
@@ -109,6 +110,31 @@ def test_a_scene_that_nobody_looks_at_holds_no_material_that_was_removed(scene):
     worn = {slot.material for copy in copies for slot in copy.material_slots}
     assert len(worn) > 1
     assert worn <= {None, *bpy.data.materials}
+
+
+@pytest.mark.parametrize(("shading", "surface"), [("TRUE", "GLASS"), ("DISPLACED", "REFRACTION")])
+def test_what_a_script_that_clears_the_file_took_along_is_made_again(
+    scene, shading, surface, tmp_path
+):
+    scene.refractive_glass.shading, scene.refractive_glass.surface = shading, surface
+    glass = next(obj for obj in scene.objects if glass_modifier(obj) is not None)
+
+    def picture(place):
+        glass.location.x = place
+        return scenes.picture(scene, tmp_path)
+
+    places = (0.0, 0.02, 0.04)
+    expected = [picture(place) for place in places]
+    _prepare(scene)
+    cleared = (("meshes", "cameras"), ("images",), ("scenes", "node_groups"))
+    for kinds, place, right in zip(cleared, places, expected, strict=True):
+        for blocks in (getattr(bpy.data, kind) for kind in kinds):
+            for block in [b for b in blocks if own(b) and not _glass(b)]:
+                # One may take others along.
+                if block in blocks.values():
+                    blocks.remove(block)
+        assert np.array_equal(picture(place), right), kinds
+        assert door.status(scene).problems == []
 
 
 # ------------------------------------------------------------------------------- compositor trees
@@ -385,6 +411,7 @@ def test_a_file_holds_nothing_that_can_be_made_again(scene, tmp_path):
 _WITHOUT = """
 import sys
 import bpy
+import numpy as np
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
 scene = bpy.context.scene
 assert not hasattr(bpy.types.Scene, "refractive_glass")

@@ -63,6 +63,11 @@ def test_the_compositor_may_name_another_scene_of_the_users(installed):
     assert installed.script("composited")["color"] == pytest.approx([0, 0, 1], abs=0.01)
 
 
+def test_handlers_of_the_users_may_hide_things(installed):
+    """Blender 5.2 crashes where a frame change or a render finds a scene's list out of date."""
+    assert installed.script("users_handlers")["events"] == 8
+
+
 def test_the_asset_library_is_written_and_goes_again(installed):
     found = installed.script("assets")
     assert found["assets"] >= 14

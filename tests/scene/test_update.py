@@ -290,3 +290,16 @@ def test_glasses_of_another_scene_that_the_compositor_shows_are_told_of(tmp_path
         scenes.settings(8, 6, samples=1)
         scenes.picture(front, tmp_path)
         assert any(f'"{behind.name}"' in p for p in door.status(front).problems) is told
+
+
+def test_glasses_of_a_background_set_are_told_of_until_they_are_the_scenes_too():
+    behind, _, glass = _scene(samples=1)
+    front = bpy.data.scenes.new("Front")
+    front.camera, front.background_set = behind.camera, behind
+    bpy.context.window.scene = front
+    scenes.settings(8, 6, samples=1, shading="TRUE")
+    door.prepare(front, scenes.depsgraph())
+    assert any(f'"{glass.name}"' in problem for problem in door.status(front).problems)
+    front.collection.objects.link(glass)
+    door.prepare(front, scenes.depsgraph())
+    assert door.status(front).problems == []

@@ -84,7 +84,9 @@ TOLD_MIRRORED = 0.003
 _STRUCTURE = "refractive_glass_structure"
 _COLOURS = "use_pass_diffuse_color"
 _LENT = "refractive_glass_lent"
-"""Property of the own scene for casts: the user's layer that was given a pass."""
+"""Property of the own scene for casts: name of the user's layer that was given a pass."""
+_PLACE = "refractive_glass_place"
+"""Another: that layer's place among the layers, and how many these were."""
 _kept_sizes: dict[int, tuple[int, int]] = {}
 """View's session uid -> pixels of the picture of it that Blender has kept. The compositor takes it
 where the view is not rendered, and reads past its end where it is smaller than the user's: so it is
@@ -148,16 +150,24 @@ def _ask_for_colours(
     for view in views:
         if own(view, CAPTURE):
             write_setting(view.view_layers[0], _COLOURS, lit)
-    name = cast.get(_LENT)
-    if name is not None and not (lit and name == rendered_layer(scene).name):
-        layer = scene.view_layers.get(name)
-        if layer is not None:
-            write_setting(layer, _COLOURS, False)
-        del cast[_LENT]
     layer = rendered_layer(scene)
+    if _LENT in cast:
+        lent = _lent_layer(scene, cast)
+        if not (lit and lent == layer):
+            if lent is not None:
+                write_setting(lent, _COLOURS, False)
+            del cast[_LENT]
     if lit and not getattr(layer, _COLOURS):
         write_setting(layer, _COLOURS, True)
         cast[_LENT] = layer.name
+        cast[_PLACE] = scene.view_layers[:].index(layer), len(scene.view_layers)
+
+
+def _lent_layer(scene: bpy.types.Scene, cast: bpy.types.Scene) -> bpy.types.ViewLayer | None:
+    """The user's layer that was given a pass, by another name perhaps; None if it was deleted."""
+    layers, (place, count) = scene.view_layers, cast[_PLACE]
+    found = layers.get(cast[_LENT])
+    return layers[place] if found is None and len(layers) == count else found
 
 
 def remove(scene: bpy.types.Scene) -> None:

@@ -35,8 +35,9 @@ def _menu_items(modifier: bpy.types.NodesModifier, identifier: str):
 
 
 def has_input(modifier: bpy.types.NodesModifier, name: str) -> bool:
-    """Whether the node group has the socket ``name``: a file may hold an earlier group."""
-    return any(_is_input(item, name) for item in modifier.node_group.interface.items_tree)
+    """Whether the node group has the socket ``name``: a file may hold an earlier group, or none."""
+    group = modifier.node_group
+    return group is not None and any(_is_input(i, name) for i in group.interface.items_tree)
 
 
 def read_input(modifier: bpy.types.NodesModifier, name: str):

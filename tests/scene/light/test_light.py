@@ -527,13 +527,17 @@ def test_when_off_nothing_of_it_is_there(tmp_path):
     assert counters["structures"] == done["structures"]
 
 
+@pytest.mark.parametrize("name", ["ViewLayer", "Renamed meanwhile"])
 @pytest.mark.parametrize("kept", [False, True])
-def test_the_users_own_pass_is_left_as_it_is(kept):
+def test_the_users_own_pass_is_left_as_it_is(kept, name):
     scene = _floor()
     _pane()
     layer = scene.view_layers[0]
     layer.use_pass_diffuse_color = kept
     scene.refractive_glass.shadow = "LIGHT"
+    door.prepare(scene, scenes.depsgraph())
+    assert layer.use_pass_diffuse_color
+    layer.name = name
     door.prepare(scene, scenes.depsgraph())
     assert layer.use_pass_diffuse_color
     door.remove(scene)

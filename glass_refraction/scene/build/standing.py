@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether all that was made for a scene still stands.
+
+Scripts that clear a file (``for mesh in bpy.data.meshes: bpy.data.meshes.remove(mesh)``) take the
+extension's data-blocks along with the user's.
+"""
+
+from __future__ import annotations
+
+import bpy
+
+from ..names import REFERENCE, own
+from .compositor import group_node
+from .own_scenes import find_own_scenes
+
+
+def made_for(scene: bpy.types.Scene) -> frozenset[int]:
+    """Session uids of the own data-blocks that the scene's picture is made of."""
+    blocks: list[bpy.types.ID | None] = []
+    for own_scene in find_own_scenes(scene):
+        # A comparison removes its own.
+        if own(own_scene, REFERENCE):
+            continue
+        blocks += [own_scene, *own_scene.collection.children]
+        for obj in filter(own, own_scene.collection.all_objects):
+            blocks += (
+                [obj, obj.data, *obj.data.materials] if obj.type == "MESH" else [obj, obj.data]
+            )
+            blocks += [modifier.node_group for modifier in obj.modifiers]
+    group = group_node(scene)
+    blocks += _held_by(group.node_tree if group is not None else None)
+    return frozenset(block.session_uid for block in blocks if own(block))
+
+
+def _held_by(tree: bpy.types.NodeTree | None) -> list[bpy.types.ID | None]:
+    """A node tree with the trees and images in it."""
+    found: list[bpy.types.ID | None] = [tree]
+    for node in tree.nodes if tree is not None else ():
+        if node.bl_idname == "CompositorNodeGroup":
+            found += _held_by(node.node_tree)
+        elif node.bl_idname == "CompositorNodeImage":
+            found.append(node.image)
+    return found
