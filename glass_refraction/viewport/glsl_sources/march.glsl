@@ -53,13 +53,13 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   vec4 step_ = view.to_clip * vec4(d, 0.0);
   float z0 = dot(view.depth_row, vec4(o, 1.0));
   float z1 = dot(view.depth_row.xyz, d);
-  float low = 0.0, high = min(reach, view.size.w);
+  float low = 0.0, high = min(reach, view.start.z);
   if (!in_view(begin, step_, z0, z1, low, high)) {
     hidden = true;
     return false;
   }
   hidden = low > 0.0;
-  bool leaves = high < min(reach, view.size.w);
+  bool leaves = high < min(reach, view.start.z);
   vec4 one = begin + low * step_;
   vec4 two = begin + high * step_;
   vec2 a = (0.5 * one.xy / one.w + 0.5) * view.size.xy;
@@ -197,7 +197,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
   float apart = length(nearest);
   vec3 n = apart > 1e-5 ? nearest / apart : normalize(cross(d, vec3(d.y, d.z, -d.x)));
   apart = max(apart, 1e-5);
-  float last = min(reach, view.size.w);
+  float last = min(reach, view.start.z);
   /* At an angle a the ray is at apart / cos(a) · (cos(a) n + sin(a) d). */
   float low = atan(-foot, apart);
   float high = atan(last - foot, apart);

@@ -25,6 +25,10 @@ MESH_ROWS = 60
 LEAST = 0.01
 WAYS = 24
 
+CUT = ("filled", "tumbler", "revolution", "sphere")
+NEAR = 1.9
+"""Reaches of the glass to the near plane that cuts some: it lies before, in or behind it."""
+
 CHAOTIC = 8
 """Events from which on rounding grows beyond what single precision can tell."""
 
@@ -172,20 +176,24 @@ def compare_meshes(optics, description, trees, paint, scene, seed):
     )
 
 
-def compare(optics, description, paint, glass, seed):
-    """Shares of all light in ways that agree, and how exactly."""
+def compare(optics, description, paint, glass, seed, unseen=0.0):
+    """Shares of all light in ways that agree, and how exactly.
+
+    ``unseen``: how far rays run before they can be bent, in reaches of the glass.
+    """
     body = optics.body(glass)
     posed = [description.Posed(body, np.eye(4))]
     placed = [optics.PlacedGlass(body, np.eye(4))]
-    return differences(optics, description, paint, posed, placed, seed)
+    return differences(optics, description, paint, posed, placed, seed, unseen=unseen)
 
 
-def differences(optics, description, paint, posed, placed, seed, rows=ROWS, meet=None):
+def differences(optics, description, paint, posed, placed, seed, rows=ROWS, meet=None, unseen=0.0):
     frame = description.common_frame(posed)
     block = description.pack(posed, frame)
     largest = max((glass.body for glass in posed), key=lambda body: body.scale)
     origins, directions = random_rays(largest, rows * COLUMNS, seed)
     outside = largest.medium_at(origins) == 0
+    skipped = unseen * np.linalg.norm(np.diff(largest.box, axis=0))
     shape = (rows, COLUMNS, 3)
     began = time.perf_counter()
     places, alongs = passes.exit_rays(
@@ -196,10 +204,12 @@ def differences(optics, description, paint, posed, placed, seed, rows=ROWS, meet
         LEAST,
         WAYS,
         description.trees_of(posed),
+        skipped / frame.unit,
     )
     seconds = time.perf_counter() - began
     places, alongs = (v.reshape(WAYS, -1, 4).astype(float) for v in (places, alongs))
-    ends = optics.exit_rays(placed, origins, directions, min_weight=LEAST, meet=meet)
+    begins = origins + skipped * directions
+    ends = optics.exit_rays(placed, begins, directions, min_weight=LEAST, meet=meet)
     met = (ends.events > 0) & outside[ends.ray]
     ray, weight, events = ends.ray[met], ends.weight[met], ends.events[met]
     origin, direction = ends.origin[met], ends.direction[met]
@@ -329,6 +339,10 @@ def run():
         for seed, (name, glass) in enumerate(shapes(optics).items()):
             result[name] = compare(optics, description, paint, glass, seed)
             print("exit_rays:", name, json.dumps(result[name]), flush=True)
+        for name in CUT:
+            glass = shapes(optics)[name]
+            result[f"{name}, cut"] = compare(optics, description, paint, glass, 0, unseen=NEAR)
+            print("exit_rays:", name, json.dumps(result[f"{name}, cut"]), flush=True)
         for seed, (name, scene) in enumerate(meshes(optics).items()):
             result[name] = compare_meshes(optics, description, trees, paint, scene, seed)
             print("exit_rays:", name, json.dumps(result[name]), flush=True)

@@ -42,7 +42,7 @@ void main()
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
   vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
-  follow(p, d, starting(false), least, most, true);
+  follow(p, d, starting(false), least, most, true, unseen);
 """
 _EXITS_OUT = (
     "\n".join(
@@ -72,14 +72,16 @@ def tiles_of(paint, depths: np.ndarray) -> np.ndarray:
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
 
 
-def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=()):
+def exit_rays(
+    paint, block, origins, directions, least: float, ways: int, trees=(), unseen: float = 0.0
+):
     """Exit rays as the shader finds them.
 
     Parameters
     ----------
     block, trees : see `description.pack` and `description.trees_of`.
     origins, directions : (rows, columns, 3), common frame.
-    ways : how many to return of each ray.
+    ways : how many to return of each ray. unseen : how far rays run before they can be bent.
 
     Returns
     -------
@@ -97,7 +99,13 @@ def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=
     target = gpu.types.GPUFrameBuffer(color_slots=outputs)
     glsl = import_module(".glsl", paint.__package__)
     shader = paint.compiled(
-        constants=[("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
+        constants=[
+            ("VEC4", "box"),
+            ("FLOAT", "least"),
+            ("FLOAT", "unseen"),
+            ("INT", "most"),
+            ("INT", "wanted"),
+        ],
         samplers=["origin_tx", "along_tx"],
         outputs=[f"{n}_{k}" for k in range(AT_ONCE) for n in ("place", "along")],
         fragment=f"{glsl.HOOKS}{glsl.FOLLOW}#define AT_ONCE {AT_ONCE}\n{EXITS}{_EXITS_OUT}",
@@ -116,6 +124,7 @@ def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=
             if mesh is not None:
                 shader.uniform_sampler("mesh_tx", mesh)
             shader.uniform_float("least", least)
+            shader.uniform_float("unseen", unseen)
             # Ways come in the same order, wherever it ends.
             shader.uniform_int("most", first + count)
             shader.uniform_int("wanted", first)
