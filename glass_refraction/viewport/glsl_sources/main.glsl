@@ -55,9 +55,9 @@ void main()
     color = sum / got;
     cover.r = 1.0;
   }
-  else if (way < NOWHERE && (splits == 0 || !is_lost)) {
+  else if (way < NOWHERE && (splits == 0 || (unseen > 0.0 && !is_lost))) {
     /* What only refracts is black where it would reflect totally, and so is what goes on being
-     * reflected. */
+     * reflected in a wall that the near plane cuts open. */
     color.a = cover.r = 1.0;
   }
   if (is_listed != 0) {
