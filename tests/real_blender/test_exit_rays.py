@@ -89,6 +89,15 @@ def test_the_edge_of_a_round_thing_lies_as_deep_as_its_axis(found):
     assert found["rods"] < 0.1
 
 
+def test_what_comes_before_a_things_edge_meets_it(found):
+    """A look lies up to two pixels within a thing, which is nearer there than the ray: it was taken
+    to pass behind the edge, and a capture that sees the place was asked. Edges behind glass had
+    teeth."""
+    hit, missed = found["met"]
+    assert hit > 0.99
+    assert missed < 0.01
+
+
 @pytest.mark.parametrize("view", ["eye", "parallel"])
 def test_a_plane_is_a_plane_between_pixels(found, view):
     """Rays that begin on a table met it or not by where in a pixel they began."""

@@ -303,6 +303,26 @@ def edges_of_rods(paint):
     return worst
 
 
+def met_before_edges(paint):
+    """Parts of rays that are met: of those that hit a ball before its edge, and that pass it."""
+    size, radius, deep = 96, 20.0, 60.0
+    y, x = np.mgrid[:size, :size] + 0.5
+    rise = radius**2 - (x - 48.3) ** 2 - (y - 47.6) ** 2
+    depths = np.where(rise > 0.0, deep - np.sqrt(np.maximum(rise, 0.0)), 200.0)
+    random = np.random.default_rng(0)
+    turn, off = random.uniform((0.0, -1.5), (2.0 * np.pi, 1.5), (50, 40, 2)).transpose(2, 0, 1)
+    before = random.uniform(0.5, radius - 2.0, (50, 40))
+    along = np.stack((np.cos(turn), np.sin(turn), 0.0 * turn), axis=-1)
+    across = np.stack((-np.sin(turn), np.cos(turn), 0.0 * turn), axis=-1)
+    nearest = np.array((48.3, 47.6, deep)) + (off * radius)[..., None] * across
+    nearest[..., 2] -= before
+    found = passes.marched(paint, depths, nearest - 30.0 * along, along)[..., 3] > 0.5
+    half = np.sqrt(radius**2 - before**2)
+    hits = np.abs(off * radius) < half - 1.0
+    misses = np.abs(off * radius) > radius + 1.0
+    return [float(found[kind].mean()) for kind in (hits, misses)]
+
+
 def planes(paint):
     """By what part depths between pixels are off on a plane, seen from an eye and in parallel."""
     rows, columns = 20, 30
@@ -334,6 +354,7 @@ def run():
         result["tiles"] = compare_tiles(paint)
         result["straight"], result["rods"] = straight_edges(paint), edges_of_rods(paint)
         result["planes"] = planes(paint)
+        result["met"] = met_before_edges(paint)
         result["amended"] = compare_amended(paint)
         print("exit_rays:", result, flush=True)
         for seed, (name, glass) in enumerate(shapes(optics).items()):

@@ -205,3 +205,84 @@ def depths_between(
         read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
     read = read.reshape(size[1], size[0], 4)
     return tuple(np.moveaxis(read, 2, 0))
+
+
+MARCH = """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec3 o = texelFetch(origin_tx, pixel, 0).xyz, d = texelFetch(along_tx, pixel, 0).xyz;
+  vec2 at;
+  float way;
+  bool hidden;
+  bool found = march_direct(o, d, view.start.z, 0, -1, at, way, hidden);
+  frag = vec4(at, way, float(found));
+}
+"""
+NOTHING = 1e20
+"""What a capture's face has where it shows no thing."""
+
+
+def marched(paint, depths: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Where rays meet what a parallel view shows, beside a capture that shows nothing.
+
+    Parameters
+    ----------
+    depths : (height, width) of pixels, in pixels. origins, directions : (rows, columns, 3), in
+        pixels: right, up, away.
+
+    Returns
+    -------
+    (rows, columns, 4): place in the picture, way, and whether anything is met.
+    """
+    height, width = depths.shape
+    rows, columns, _ = origins.shape
+    direct = paint.Direct()
+    direct.size = (width, height)
+    direct.depth = direct._plain = paint._texture(np.ascontiguousarray(depths, np.float32), "R32F")
+    direct._stepped, direct._to_stepped = paint._target(direct.size, "RG32F")
+    direct._mark_steps((1.0, 0.0))
+    tiles = tuple(-(-n // paint.TILE) for n in direct.size)
+    tile_tx, to_tiles = paint._target(tiles, "RGBA32F")
+    direct._take_tiles(to_tiles, tiles)
+    block = np.zeros((_constant(paint, "eye", "VIEW_ROWS"), 4))
+    # Column by column.
+    block[:4] = np.diag((2.0 / width, 2.0 / height, 1e-4, 1.0))
+    block[3, :2] = -1.0
+    block[4, 2], block[5, 0] = 1.0, 1.0
+    block[10] = width, height, -1e3, 1e4
+    block[11, 2] = width + height
+    side = 8
+    block[12] = 0.0, 0.0, 0.0, side
+    inputs = {}
+    for name, values in (("origin_tx", origins), ("along_tx", directions)):
+        filled = np.ones((rows, columns, 4), np.float32)
+        filled[..., :3] = values
+        inputs[name] = paint._texture(filled, "RGBA32F")
+    inputs |= {"depth_tx": direct.depth, "tile_tx": tile_tx}
+    faces = _constant(paint, "capture", "FACES") + 1
+    inputs["reach_tx"] = paint._texture(np.full((side, faces * side), NOTHING, np.float32), "R32F")
+    glsl = import_module(".glsl", paint.__package__)
+    between = paint.DESCRIPTIONS["between"]
+    shader = paint.compiled(
+        **between
+        | {
+            "constants": [c for c in between["constants"] if c[1] != "parts"],
+            "samplers": [*between["samplers"], "origin_tx", "along_tx"],
+            "fragment": f"{glsl.HOOKS}{glsl.SMOOTH}{glsl.FOLLOW}{glsl.LOOKUP}{MARCH}",
+        }
+    )
+    glasses, view = (
+        paint._uniform(np.zeros((_constant(paint, "description", "ROWS"), 4))),
+        paint._uniform(block),
+    )
+    none = paint._texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
+    _, target = paint._target((columns, rows), "RGBA32F")
+    with paint.filling(target, (columns, rows), shader):
+        shader.uniform_block("glasses", glasses)
+        shader.uniform_block("view", view)
+        for name in (*between["samplers"], "origin_tx", "along_tx"):
+            shader.uniform_sampler(name, inputs.get(name, none))
+    with target.bind():
+        read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
+    return np.asarray(read).reshape(rows, columns, 4)
