@@ -115,10 +115,14 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
       shown_before = depth_near(pixel);
       before = z_before - shown_before;
       if (!behind && before > SLACK) {
-        /* An edge lies just at the tile's: the ray passes behind it. */
-        behind = true;
-        hidden = true;
+        /* An edge lies just at the tile's: the ray meets it or passes behind it. */
         limb = limb_at(pixel, heading);
+        if (z_before < limb) {
+          at = pixel;
+          way = way_at(u, low, high, one, two);
+          return true;
+        }
+        behind = hidden = true;
       }
       else if (before <= 0.0) {
         behind = false;

@@ -311,7 +311,8 @@ def met_before_edges(paint):
     depths = np.where(rise > 0.0, deep - np.sqrt(np.maximum(rise, 0.0)), 200.0)
     random = np.random.default_rng(0)
     turn, off = random.uniform((0.0, -1.5), (2.0 * np.pi, 1.5), (50, 40, 2)).transpose(2, 0, 1)
-    before = random.uniform(0.5, radius - 2.0, (50, 40))
+    # How deep an edge lies is known to a tenth of the radius.
+    before = random.uniform(0.1 * radius, radius - 2.0, (50, 40))
     along = np.stack((np.cos(turn), np.sin(turn), 0.0 * turn), axis=-1)
     across = np.stack((-np.sin(turn), np.cos(turn), 0.0 * turn), axis=-1)
     nearest = np.array((48.3, 47.6, deep)) + (off * radius)[..., None] * across
