@@ -137,7 +137,7 @@ def pack_view(
     block[4, 3] -= begin
     line = common_line(view, frame)
     near, far = (float(v) for v in depths(line, np.array([0.0, 1.0])))
-    longest = min(far - near, 2.0 * frame.reach + 2.0 * scene_reach / unit)
+    longest = 2.0 * frame.reach + 2.0 * scene_reach / unit
     middle = float(-view.to_camera[2] @ np.append(frame.origin, 1.0)) / unit
     matrix = view.ray_matrix()
     if view.is_parallel:
@@ -152,8 +152,8 @@ def pack_view(
         block[7, :3], block[8, :3] = ahead * matrix[:, 0], ahead * matrix[:, 1]
         block[9] = (*place, 1.0)
     block[5, :2] = pixel_width(view, frame)
-    block[10] = *view.size, near, longest
-    block[11, :2] = MARGIN * frame.reach, seconds
+    block[10] = *view.size, near, far
+    block[11, :3] = MARGIN * frame.reach, seconds, longest
     for number, (centre, side, close) in enumerate(captures[:CAPTURES]):
         block[12 + number] = *frame.place(centre), side
         if close is not None:

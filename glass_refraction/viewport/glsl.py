@@ -55,8 +55,9 @@ struct View {{
   vec4 right;        /* and how it moves by a pixel to the right, */
   vec4 up;           /* and up */
   vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
-  vec4 size;         /* pixels; depth of the near plane, length of the longest ray */
-  vec4 start;        /* radius of the ball that holds all glasses; from a capture to a second */
+  vec4 size;         /* pixels; depths of the near and of the far plane */
+  /* Radius of the ball that holds all glasses; from a capture to a second; longest ray. */
+  vec4 start;
   /* Centre in the common frame; side of a face in pixels, 0: not drawn yet. */
   vec4 captures[{CAPTURES}];
   /* Of each one's close picture: forward, and 1 if there is one; right; up. */

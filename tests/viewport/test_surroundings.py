@@ -45,6 +45,7 @@ def test_rays_and_depths_of_the_block_are_the_views(window, is_perspective):
     found = depths(common_line(view, frame), value)
     assert common @ block[4] == pytest.approx(found, abs=2e-3)
     assert view.pixels(world) == pytest.approx(pixels, abs=0.01)
+    assert block[10, 2:] == pytest.approx(depths(common_line(view, frame), np.array([0.0, 1.0])))
 
 
 @pytest.mark.parametrize("face", range(capture.FACES))

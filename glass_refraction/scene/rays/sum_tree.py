@@ -229,7 +229,7 @@ class SumTree(_Lookups):
         else:
             # An opaque film: what a glass covers is opaque as well.
             through = self._math("ADD", through, self._math("SUBTRACT", 1.0, beside))
-        fits = self._is_as_large(direct.image)
+        fits = self._is_of_frame(direct.image, [node.outputs["Image"] for node in nodes])
         colour = self._switched(fits, whole, start.outputs["Image"])
         alpha_shown = self._split(self._switched(fits, through, direct.alpha))
         # Blender takes what a Switch gives for one value, and tells the user's next nodes so,
@@ -245,17 +245,29 @@ class SumTree(_Lookups):
             self._link(socket, switch.inputs[name])
         return switch.outputs["Image"]
 
-    def _is_as_large(self, image):
-        """Whether a picture has the size of those that the last frame wrote.
+    def _is_of_frame(self, image, captures):
+        """Whether pictures are those that the last frame was written for.
 
-        A 3D view that is composited has another. No capture is drawn for it: it passes as it is.
+        A 3D view that is composited has another size, or by chance the same, and no captures are
+        drawn for it: it passes as it is.
         """
-        sizes = []
-        for one in (image, self._picture("spread")):
-            info = self._node("CompositorNodeImageInfo")
-            self._link(one, info.inputs["Image"])
-            sizes.append(info.outputs["Dimensions"])
-        return self._math("LESS_THAN", self._vector("DISTANCE", *sizes), 0.5)
+        size, wanted = self._size(self._picture("spread")), self._size(self._picture("rendered"))
+        is_as_large = self._math(
+            "LESS_THAN", self._vector("DISTANCE", self._size(image), size), 0.5
+        )
+        # Of what is not drawn the size is 0.
+        drawn = self._size(captures[0])
+        for capture in captures[1:]:
+            drawn = self._vector("MAXIMUM", drawn, self._size(capture))
+        is_drawn = self._math(
+            "GREATER_THAN", self._split(drawn), self._math("SUBTRACT", self._split(wanted), 1.5)
+        )
+        return self._math("MULTIPLY", is_as_large, is_drawn)
+
+    def _size(self, image):
+        info = self._node("CompositorNodeImageInfo")
+        self._link(image, info.inputs["Image"])
+        return info.outputs["Dimensions"]
 
     def _layers(self, scene: bpy.types.Scene, layer: str | None = None):
         # In its own context: Blender would count the present scene as used once more, for ever.

@@ -125,7 +125,7 @@ def prepare(scene: bpy.types.Scene) -> None:
 def _structure(scene: bpy.types.Scene) -> str:
     """What the scene's settings ask of its compositor tree."""
     light = " light" if has_light(scene) else ""
-    return f"true {ROOM} {EARLY} {LEVELS} {SHARPENINGS} {scene.render.film_transparent}{light}"
+    return f"sum {ROOM} {EARLY} {LEVELS} {SHARPENINGS} {scene.render.film_transparent}{light}"
 
 
 def _stands(scene: bpy.types.Scene) -> bool:
@@ -526,11 +526,13 @@ def _write(
         pictures.write(light, number, "light")
     _match_views(scene, views)
     settings = zip(views, result.cameras, result.samples, result.far, result.curtains, strict=True)
+    any_is_rendered = False
     for view, camera, samples, far, curtain in settings:
         kept = _kept_sizes.get(view.session_uid, (width, height))
         is_smaller = kept[0] < width or kept[1] < height
         is_rendered = camera is not None or is_smaller
         write_setting(view.view_layers[0], "use", is_rendered)
+        any_is_rendered |= is_rendered
         if is_rendered:
             _kept_sizes[view.session_uid] = width, height
         if is_smaller:
@@ -543,6 +545,8 @@ def _write(
             _hang(view, CURTAIN, curtain if view.render.engine == "CYCLES" else NO_CURTAIN)
             if own(view, SKY):
                 _hang(view, PANE, PANE_MESH if through_panes else NO_CURTAIN)
+    # Its size tells: 2 if there is a view that is drawn for this frame, else 1.
+    pictures.write(np.zeros((1, 1 + any_is_rendered, 4), np.float32), "rendered")
 
 
 def _hang(view: bpy.types.Scene, role: str, mesh: tuple[np.ndarray, np.ndarray]) -> None:

@@ -33,7 +33,9 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   add(colour, light);
 }
 
-void lose(vec4 light) {}
+bool is_lost = false;
+
+void lose(vec4 light) { is_lost = true; }
 
 bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {

@@ -6,9 +6,11 @@ float got = 0.0;
 /* The part of a ray that the view can show: false if there is none. */
 bool in_view(vec4 begin, vec4 step_, float z0, float z1, inout float low, inout float high)
 {
-  for (int k = 0; k < 5; k++) {
-    float f = k == 4 ? z0 - view.size.z : begin.w + (k % 2 == 0 ? 1.0 : -1.0) * begin[k / 2];
-    float s = k == 4 ? z1 : step_.w + (k % 2 == 0 ? 1.0 : -1.0) * step_[k / 2];
+  for (int k = 0; k < 6; k++) {
+    float side = k % 2 == 0 ? 1.0 : -1.0;
+    /* Left and right, below and above, near and far. */
+    float f = k < 4 ? begin.w + side * begin[k / 2] : side * (z0 - view.size[k - 2]);
+    float s = k < 4 ? step_.w + side * step_[k / 2] : side * z1;
     if (s > 0.0) {
       low = max(low, -f / s);
     }

@@ -4,8 +4,10 @@
  *
  * start: what it starts in, see `medium_in`. least: light below this part is not followed.
  * most: ways after which to stop. splits: false if surfaces only refract, and take no light.
+ * unseen: how far the ray runs before the camera's near plane: there nothing bends it.
  * Returns how far the ray goes to the first interface, NOWHERE if it meets none. */
-float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool splits)
+float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool splits,
+             float unseen)
 {
   vec3 places[PENDING];
   vec3 alongs[PENDING];
@@ -21,7 +23,7 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
   vec3 d = home < 0 ? along : turn_in(home, along);
   int last = home, events = 0, ways = 0, skip = -1;
   course = home < 0 ? 0 : NO_COURSE;
-  float first_way = NOWHERE;
+  float first_way = NOWHERE, gone = 0.0;
   bool alive = true, begun = false;
   int glasses_ = int(row(0).x);
   for (int guard = 0; guard < MOST_STRETCHES; guard++) {
@@ -81,9 +83,10 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
         hit = k;
       }
     }
-    if (!begun) {
+    bool is_cut = gone + way < unseen;
+    if (!begun && !is_cut) {
       begun = true;
-      first_way = way;
+      first_way = gone + way;
       if (met < 0 || covered(place + first_way * along)) {
         return NOWHERE;
       }
@@ -139,7 +142,8 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       alive = false;
       continue;
     }
-    light.rgb *= exp(-taken * way);
+    light.rgb *= exp(-taken * min(way, max(gone + way - unseen, 0.0)));
+    gone += way;
     if (row(met).w > 0.5 && events > 0 &&
         touches(to_common(hit, here), toward, light, hit, ways)) {
       ways++;
@@ -148,14 +152,15 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
     }
     ivec4 after = with_medium(held, hit, beyond);
     int holder_after = holding(after);
-    if ((events > 0 && hit != last) || holder == holder_after) {
+    bool is_straight = is_cut || holder == holder_after;
+    if ((events > 0 && hit != last) || is_straight) {
       course = NO_COURSE;
     }
     last = hit;
     skip = is_mesh ? int(spot.x) : -1;
     vec3 clear = is_mesh ? CLEARANCE * flat_ : vec3(0.0);
-    if (holder == holder_after) {
-      /* What holds stays the same: the ray goes straight on. */
+    if (is_straight) {
+      /* What holds stays the same, or is not seen: the ray goes straight on. */
       held = after;
       home = home_of(held);
       p = here - clear;

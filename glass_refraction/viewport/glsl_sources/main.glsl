@@ -46,16 +46,18 @@ void main()
     return;
   }
   float enter = ahead - sqrt(view.start.x * view.start.x - off * off);
-  float eye_way = parallel ? -view.size.w : -length(p - view.eye.xyz);
+  float eye_way = parallel ? -view.start.z : -length(p - view.eye.xyz);
   bool within = eye_way > enter;
   p += max(enter, eye_way) * d;
-  float way = follow(p, d, starting(within), least, most, splits != 0);
+  float unseen = (view.size.z - dot(view.depth_row, vec4(p, 1.0))) / dot(view.depth_row.xyz, d);
+  float way = follow(p, d, starting(within), least, most, splits != 0, unseen);
   if (way < NOWHERE && got > 0.0) {
     color = sum / got;
     cover.r = 1.0;
   }
-  else if (way < NOWHERE && splits == 0) {
-    /* What only refracts is black where it would reflect totally. */
+  else if (way < NOWHERE && (splits == 0 || (unseen > 0.0 && !is_lost))) {
+    /* What only refracts is black where it would reflect totally, and so is what goes on being
+     * reflected in a wall that the near plane cuts open. */
     color.a = cover.r = 1.0;
   }
   if (is_listed != 0) {

@@ -40,6 +40,13 @@ bool meets_boxes(int first, int count, vec3 p, vec3 d, float reach)
   return false;
 }
 
+/* How far along a ray, from `low` to `high`, the part u of its way across the view is. `one`, `two`:
+ * both ends in clip space. */
+float way_at(float u, float low, float high, vec4 one, vec4 two)
+{
+  return ((1.0 - u) * low * two.w + u * high * one.w) / ((1.0 - u) * two.w + u * one.w);
+}
+
 /* Where a ray meets what the view shows: marched through the view's depths, pixel by pixel, and
  * over whole tiles that it passes in front of or behind. `boxes`: the glass within which it runs,
  * where only its things can be met, or -1. `hidden`: it was behind something. */
@@ -53,13 +60,13 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   vec4 step_ = view.to_clip * vec4(d, 0.0);
   float z0 = dot(view.depth_row, vec4(o, 1.0));
   float z1 = dot(view.depth_row.xyz, d);
-  float low = 0.0, high = min(reach, view.size.w);
+  float low = 0.0, high = min(reach, view.start.z);
   if (!in_view(begin, step_, z0, z1, low, high)) {
     hidden = true;
     return false;
   }
   hidden = low > 0.0;
-  bool leaves = high < min(reach, view.size.w);
+  bool leaves = high < min(reach, view.start.z);
   vec4 one = begin + low * step_;
   vec4 two = begin + high * step_;
   vec2 a = (0.5 * one.xy / one.w + 0.5) * view.size.xy;
@@ -93,8 +100,7 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
                     greaterThan(span, vec2(0.0)));
     float next = min(1.0, u + min(room.x * per.x, room.y * per.y) + 0.02 * by_pixel);
     vec2 range = texelFetch(tile_tx, clamp(tile, ivec2(0), textureSize(tile_tx, 0) - 1), 0).rg;
-    float t = ((1.0 - next) * low * two.w + next * high * one.w) /
-              ((1.0 - next) * two.w + next * one.w);
+    float t = way_at(next, low, high, one, two);
     float z = z0 + t * z1;
     float back = limb > UNKNOWN ? 2.0 * limb - range.x : UNKNOWN;
     if (behind ? min(z, z_before) > max(range.y, back) : max(z, z_before) < range.x) {
@@ -109,18 +115,23 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
       shown_before = depth_near(pixel);
       before = z_before - shown_before;
       if (!behind && before > SLACK) {
-        /* An edge lies just at the tile's: the ray passes behind it. */
-        behind = true;
-        hidden = true;
+        /* An edge lies just at the tile's: the ray meets it or passes behind it. */
         limb = limb_at(pixel, heading);
+        if (z_before < limb) {
+          at = pixel;
+          way = way_at(u, low, high, one, two);
+          return true;
+        }
+        behind = hidden = true;
       }
       else if (before <= 0.0) {
         behind = false;
       }
     }
-    next = min(1.0, u + STRIDE * by_pixel);
-    t = ((1.0 - next) * low * two.w + next * high * one.w) /
-        ((1.0 - next) * two.w + next * one.w);
+    /* What comes just round an edge is narrow. */
+    bool has_edge = range.y - range.x > edge_at(range.x);
+    next = min(1.0, u + (has_edge ? 1.0 : STRIDE) * by_pixel);
+    t = way_at(next, low, high, one, two);
     z = z0 + t * z1;
     pixel = a + next * span;
     float shown = depth_near(pixel);
@@ -131,10 +142,21 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
       behind = false;
     }
     else if (!behind) {
-      /* One surface goes on from pixel to pixel; behind an edge the ray may pass. */
+      /* One surface goes on from pixel to pixel. Where it ends the ray may pass behind it, or before
+       * its edge and so meet it: single looks lie too far within to tell. */
       met = jump < edge_at(shown) + abs(z - z_before);
+      if (!met) {
+        float outside = u, edge = next;
+        for (int n_ = 0; n_ < EDGE_HALVINGS; n_++) {
+          float middle = 0.5 * (outside + edge);
+          bool is_on = depth_near(a + middle * span) < shown + 0.5 * jump;
+          outside = is_on ? outside : middle;
+          edge = is_on ? middle : edge;
+        }
+        limb = limb_at(a + edge * span, heading);
+        met = z0 + way_at(edge, low, high, one, two) * z1 < limb;
+      }
       behind = !met;
-      limb = met ? UNKNOWN : limb_at(pixel, heading);
       over_before = 0.0;
     }
     else if (jump > edge_at(shown)) {
@@ -165,8 +187,7 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
       }
       float found = mix(u_before, next, part);
       at = a + found * span;
-      way = ((1.0 - found) * low * two.w + found * high * one.w) /
-            ((1.0 - found) * two.w + found * one.w);
+      way = way_at(found, low, high, one, two);
       return true;
     }
     hidden = hidden || behind;
@@ -197,7 +218,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
   float apart = length(nearest);
   vec3 n = apart > 1e-5 ? nearest / apart : normalize(cross(d, vec3(d.y, d.z, -d.x)));
   apart = max(apart, 1e-5);
-  float last = min(reach, view.size.w);
+  float last = min(reach, view.start.z);
   /* At an angle a the ray is at apart / cos(a) · (cos(a) n + sin(a) d). */
   float low = atan(-foot, apart);
   float high = atan(last - foot, apart);

@@ -75,7 +75,7 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   vec4 clip = view.to_clip * vec4(d, 0.0);
   if (view.eye.w < 0.5) {
     /* In a parallel view what is far off is seen where the ray leaves the scene. */
-    clip = view.to_clip * vec4(o + view.size.w * d, 1.0);
+    clip = view.to_clip * vec4(o + view.start.z * d, 1.0);
   }
   vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
   bool shown = clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&

@@ -3,15 +3,16 @@
 #define FAR_OFF 1e19
 #define TILE 8
 #define CLOSE 6.0
-/* Pixels from look to look where a tile does not tell. */
+/* Pixels from look to look in tiles that neither tell nor show an edge. */
 #define STRIDE 2.0
-#define DIRECT_STEPS 80
+#define DIRECT_STEPS 120
 /* Half the side of a box of things, with some room. */
 #define BOX_MARGIN 1.02
 #define CAPTURE_STEPS 32
 /* Angle between steps, in pixels of a face (which is two wide at a distance of one). */
 #define CAPTURE_STRIDE 5.0
 #define HALVINGS 6
+#define EDGE_HALVINGS 4
 /* Ratio of depths of neighbouring pixels below which one surface goes on. */
 #define GOES_ON 1.15
 /* How far behind a thing's edge a ray still meets it, in common units: pixels do not tell where

@@ -25,6 +25,10 @@ MESH_ROWS = 60
 LEAST = 0.01
 WAYS = 24
 
+CUT = ("filled", "tumbler", "revolution", "sphere")
+NEAR = 1.9
+"""Reaches of the glass to the near plane that cuts some: it lies before, in or behind it."""
+
 CHAOTIC = 8
 """Events from which on rounding grows beyond what single precision can tell."""
 
@@ -172,20 +176,24 @@ def compare_meshes(optics, description, trees, paint, scene, seed):
     )
 
 
-def compare(optics, description, paint, glass, seed):
-    """Shares of all light in ways that agree, and how exactly."""
+def compare(optics, description, paint, glass, seed, unseen=0.0):
+    """Shares of all light in ways that agree, and how exactly.
+
+    ``unseen``: how far rays run before they can be bent, in reaches of the glass.
+    """
     body = optics.body(glass)
     posed = [description.Posed(body, np.eye(4))]
     placed = [optics.PlacedGlass(body, np.eye(4))]
-    return differences(optics, description, paint, posed, placed, seed)
+    return differences(optics, description, paint, posed, placed, seed, unseen=unseen)
 
 
-def differences(optics, description, paint, posed, placed, seed, rows=ROWS, meet=None):
+def differences(optics, description, paint, posed, placed, seed, rows=ROWS, meet=None, unseen=0.0):
     frame = description.common_frame(posed)
     block = description.pack(posed, frame)
     largest = max((glass.body for glass in posed), key=lambda body: body.scale)
     origins, directions = random_rays(largest, rows * COLUMNS, seed)
     outside = largest.medium_at(origins) == 0
+    skipped = unseen * np.linalg.norm(np.diff(largest.box, axis=0))
     shape = (rows, COLUMNS, 3)
     began = time.perf_counter()
     places, alongs = passes.exit_rays(
@@ -196,10 +204,12 @@ def differences(optics, description, paint, posed, placed, seed, rows=ROWS, meet
         LEAST,
         WAYS,
         description.trees_of(posed),
+        skipped / frame.unit,
     )
     seconds = time.perf_counter() - began
     places, alongs = (v.reshape(WAYS, -1, 4).astype(float) for v in (places, alongs))
-    ends = optics.exit_rays(placed, origins, directions, min_weight=LEAST, meet=meet)
+    begins = origins + skipped * directions
+    ends = optics.exit_rays(placed, begins, directions, min_weight=LEAST, meet=meet)
     met = (ends.events > 0) & outside[ends.ray]
     ray, weight, events = ends.ray[met], ends.weight[met], ends.events[met]
     origin, direction = ends.origin[met], ends.direction[met]
@@ -293,6 +303,27 @@ def edges_of_rods(paint):
     return worst
 
 
+def met_before_edges(paint):
+    """Parts of rays that are met: of those that hit a ball before its edge, and that pass it."""
+    size, radius, deep = 96, 20.0, 60.0
+    y, x = np.mgrid[:size, :size] + 0.5
+    rise = radius**2 - (x - 48.3) ** 2 - (y - 47.6) ** 2
+    depths = np.where(rise > 0.0, deep - np.sqrt(np.maximum(rise, 0.0)), 200.0)
+    random = np.random.default_rng(0)
+    turn, off = random.uniform((0.0, -1.5), (2.0 * np.pi, 1.5), (50, 40, 2)).transpose(2, 0, 1)
+    # How deep an edge lies is known to a tenth of the radius.
+    before = random.uniform(0.1 * radius, radius - 2.0, (50, 40))
+    along = np.stack((np.cos(turn), np.sin(turn), 0.0 * turn), axis=-1)
+    across = np.stack((-np.sin(turn), np.cos(turn), 0.0 * turn), axis=-1)
+    nearest = np.array((48.3, 47.6, deep)) + (off * radius)[..., None] * across
+    nearest[..., 2] -= before
+    found = passes.marched(paint, depths, nearest - 30.0 * along, along)[..., 3] > 0.5
+    half = np.sqrt(radius**2 - before**2)
+    hits = np.abs(off * radius) < half - 1.0
+    misses = np.abs(off * radius) > radius + 1.0
+    return [float(found[kind].mean()) for kind in (hits, misses)]
+
+
 def planes(paint):
     """By what part depths between pixels are off on a plane, seen from an eye and in parallel."""
     rows, columns = 20, 30
@@ -324,11 +355,16 @@ def run():
         result["tiles"] = compare_tiles(paint)
         result["straight"], result["rods"] = straight_edges(paint), edges_of_rods(paint)
         result["planes"] = planes(paint)
+        result["met"] = met_before_edges(paint)
         result["amended"] = compare_amended(paint)
         print("exit_rays:", result, flush=True)
         for seed, (name, glass) in enumerate(shapes(optics).items()):
             result[name] = compare(optics, description, paint, glass, seed)
             print("exit_rays:", name, json.dumps(result[name]), flush=True)
+        for name in CUT:
+            glass = shapes(optics)[name]
+            result[f"{name}, cut"] = compare(optics, description, paint, glass, 0, unseen=NEAR)
+            print("exit_rays:", name, json.dumps(result[f"{name}, cut"]), flush=True)
         for seed, (name, scene) in enumerate(meshes(optics).items()):
             result[name] = compare_meshes(optics, description, trees, paint, scene, seed)
             print("exit_rays:", name, json.dumps(result[name]), flush=True)

@@ -42,7 +42,7 @@ void main()
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
   vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
-  follow(p, d, starting(false), least, most, true);
+  follow(p, d, starting(false), least, most, true, unseen);
 """
 _EXITS_OUT = (
     "\n".join(
@@ -72,14 +72,16 @@ def tiles_of(paint, depths: np.ndarray) -> np.ndarray:
     return np.asarray(read).reshape(rows, columns, 4)[..., :2]
 
 
-def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=()):
+def exit_rays(
+    paint, block, origins, directions, least: float, ways: int, trees=(), unseen: float = 0.0
+):
     """Exit rays as the shader finds them.
 
     Parameters
     ----------
     block, trees : see `description.pack` and `description.trees_of`.
     origins, directions : (rows, columns, 3), common frame.
-    ways : how many to return of each ray.
+    ways : how many to return of each ray. unseen : how far rays run before they can be bent.
 
     Returns
     -------
@@ -97,7 +99,13 @@ def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=
     target = gpu.types.GPUFrameBuffer(color_slots=outputs)
     glsl = import_module(".glsl", paint.__package__)
     shader = paint.compiled(
-        constants=[("VEC4", "box"), ("FLOAT", "least"), ("INT", "most"), ("INT", "wanted")],
+        constants=[
+            ("VEC4", "box"),
+            ("FLOAT", "least"),
+            ("FLOAT", "unseen"),
+            ("INT", "most"),
+            ("INT", "wanted"),
+        ],
         samplers=["origin_tx", "along_tx"],
         outputs=[f"{n}_{k}" for k in range(AT_ONCE) for n in ("place", "along")],
         fragment=f"{glsl.HOOKS}{glsl.FOLLOW}#define AT_ONCE {AT_ONCE}\n{EXITS}{_EXITS_OUT}",
@@ -116,6 +124,7 @@ def exit_rays(paint, block, origins, directions, least: float, ways: int, trees=
             if mesh is not None:
                 shader.uniform_sampler("mesh_tx", mesh)
             shader.uniform_float("least", least)
+            shader.uniform_float("unseen", unseen)
             # Ways come in the same order, wherever it ends.
             shader.uniform_int("most", first + count)
             shader.uniform_int("wanted", first)
@@ -196,3 +205,84 @@ def depths_between(
         read = np.asarray(target.read_color(0, 0, *size, 4, 0, "FLOAT"))
     read = read.reshape(size[1], size[0], 4)
     return tuple(np.moveaxis(read, 2, 0))
+
+
+MARCH = """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec3 o = texelFetch(origin_tx, pixel, 0).xyz, d = texelFetch(along_tx, pixel, 0).xyz;
+  vec2 at;
+  float way;
+  bool hidden;
+  bool found = march_direct(o, d, view.start.z, 0, -1, at, way, hidden);
+  frag = vec4(at, way, float(found));
+}
+"""
+NOTHING = 1e20
+"""What a capture's face has where it shows no thing."""
+
+
+def marched(paint, depths: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Where rays meet what a parallel view shows, beside a capture that shows nothing.
+
+    Parameters
+    ----------
+    depths : (height, width) of pixels, in pixels. origins, directions : (rows, columns, 3), in
+        pixels: right, up, away.
+
+    Returns
+    -------
+    (rows, columns, 4): place in the picture, way, and whether anything is met.
+    """
+    height, width = depths.shape
+    rows, columns, _ = origins.shape
+    direct = paint.Direct()
+    direct.size = (width, height)
+    direct.depth = direct._plain = paint._texture(np.ascontiguousarray(depths, np.float32), "R32F")
+    direct._stepped, direct._to_stepped = paint._target(direct.size, "RG32F")
+    direct._mark_steps((1.0, 0.0))
+    tiles = tuple(-(-n // paint.TILE) for n in direct.size)
+    tile_tx, to_tiles = paint._target(tiles, "RGBA32F")
+    direct._take_tiles(to_tiles, tiles)
+    block = np.zeros((_constant(paint, "eye", "VIEW_ROWS"), 4))
+    # Column by column.
+    block[:4] = np.diag((2.0 / width, 2.0 / height, 1e-4, 1.0))
+    block[3, :2] = -1.0
+    block[4, 2], block[5, 0] = 1.0, 1.0
+    block[10] = width, height, -1e3, 1e4
+    block[11, 2] = width + height
+    side = 8
+    block[12] = 0.0, 0.0, 0.0, side
+    inputs = {}
+    for name, values in (("origin_tx", origins), ("along_tx", directions)):
+        filled = np.ones((rows, columns, 4), np.float32)
+        filled[..., :3] = values
+        inputs[name] = paint._texture(filled, "RGBA32F")
+    inputs |= {"depth_tx": direct.depth, "tile_tx": tile_tx}
+    faces = _constant(paint, "capture", "FACES") + 1
+    inputs["reach_tx"] = paint._texture(np.full((side, faces * side), NOTHING, np.float32), "R32F")
+    glsl = import_module(".glsl", paint.__package__)
+    between = paint.DESCRIPTIONS["between"]
+    shader = paint.compiled(
+        **between
+        | {
+            "constants": [c for c in between["constants"] if c[1] != "parts"],
+            "samplers": [*between["samplers"], "origin_tx", "along_tx"],
+            "fragment": f"{glsl.HOOKS}{glsl.SMOOTH}{glsl.FOLLOW}{glsl.LOOKUP}{MARCH}",
+        }
+    )
+    glasses, view = (
+        paint._uniform(np.zeros((_constant(paint, "description", "ROWS"), 4))),
+        paint._uniform(block),
+    )
+    none = paint._texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
+    _, target = paint._target((columns, rows), "RGBA32F")
+    with paint.filling(target, (columns, rows), shader):
+        shader.uniform_block("glasses", glasses)
+        shader.uniform_block("view", view)
+        for name in (*between["samplers"], "origin_tx", "along_tx"):
+            shader.uniform_sampler(name, inputs.get(name, none))
+    with target.bind():
+        read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
+    return np.asarray(read).reshape(rows, columns, 4)
