@@ -18,6 +18,9 @@ from .paths import Branch, LightPath, ParallelView, as_eye, as_path, branches
 from .sheets import NO_PIECE, Curves, Leg, Placing, rank_of, strays
 from .solver import BLOCK, in_blocks, newton
 
+FARTHEST = 1e100
+"""Metres: what lies farther, or nowhere, has no image. Products of such lengths overflow."""
+
 
 def apparent_points(
     glass: Glass,
@@ -66,7 +69,7 @@ def apparent_points(
     if guess is not None and guess.valid.shape[-1] != len(points):
         raise ValueError(f"guess must be for {len(points)} points, not {guess.valid.shape[-1]}")
     largest = _largest(points)
-    finite = None if largest < np.inf else np.isfinite(points).all(axis=-1)
+    finite = None if largest <= FARTHEST else (np.abs(points) <= FARTHEST).all(axis=-1)
     some = points if finite is None else points[finite]
     if finite is not None:
         largest = _largest(some)

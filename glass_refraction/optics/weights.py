@@ -49,10 +49,22 @@ def path_weights(
         not take the path. "" weighs 1 where the ray misses the glass.
     rest : (M,)
         1 − the sum of the weights of the distinct paths given.
+
+    Raises
+    ------
+    ValueError
+        For directions that are not (M, 3), an eye that is neither (3,) nor (M, 3), and events that
+        are not in a list.
     """
+    if isinstance(paths, str):
+        raise ValueError(f"paths must be several, such as [{paths!r}], not {paths!r}")
     paths = [as_path(path) for path in paths]
     events = [path.events for path in paths]
     directions = np.atleast_2d(np.asarray(directions, dtype=float))
+    if directions.ndim != 2 or directions.shape[1] != 3:
+        raise ValueError(f"directions must be (M, 3), not {directions.shape}")
+    if np.shape(eye) not in {(3,), directions.shape}:
+        raise ValueError(f"eye must be (3,) or {directions.shape}, not {np.shape(eye)}")
     if isinstance(glass, AxialGlass):
         return weights_axial(glass, np.asarray(eye, dtype=float), directions, paths)
     total = len(directions)

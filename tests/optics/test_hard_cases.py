@@ -429,3 +429,20 @@ def test_an_eye_on_the_axis_sees_all_round(glass, off):
         assert missing_images(seen, stretch, apparent) == 0
         count, worst = false_images(glass, path, eye, points, apparent)
         assert count == 0 and worst < 1e-9
+
+
+@pytest.mark.parametrize("far", [1e120, 1e155, 1e300, np.inf, np.nan])
+def test_what_lies_too_far_for_its_square_has_no_image(far):
+    """The point beside it has the image that it has alone, to the bit."""
+    glasses = (
+        (optics.FlatGlass((0.01,), (1.5,)), "TT"),
+        (optics.CylinderGlass((0.04, 0.03), (1.5, 1.0)), "TTTT"),
+    )
+    eye, near = (0.0, -0.5, 0.1), (0.01, 0.3, -0.2)
+    for glass, path in glasses:
+        alone = optics.apparent_points(glass, path, eye, [near])
+        for axis in np.eye(3):
+            point = np.where(axis > 0.0, far, 0.0)
+            both = optics.apparent_points(glass, path, eye, [point, near])
+            assert not both.valid[:, 0].any()
+            np.testing.assert_array_equal(both.position[:, 1], alone.position[:, 0])

@@ -155,3 +155,20 @@ def test_long_mirror_chains_are_listed_if_they_carry_enough(glass):
         # The sample of rays may miss a peak by a little.
         if peak > 1.1 * least:
             assert chain in listed, (chain, peak)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"paths": "TT"}, "several"),
+        ({"directions": [[0.0, 1.0]]}, r"\(M, 3\)"),
+        ({"eye": (0.0, 1.0)}, r"eye must be"),
+        ({"eye": np.zeros((2, 3))}, r"eye must be"),
+    ],
+)
+def test_bad_input_is_told(given, told):
+    good = {"eye": (0.0, 0.0, 1.0), "directions": [[0.0, 0.0, -1.0]], "paths": ["TT"]}
+    slab = optics.FlatGlass((0.01,), (1.5,))
+    optics.path_weights(slab, **good)
+    with pytest.raises(ValueError, match=told):
+        optics.path_weights(slab, **{**good, **given})
