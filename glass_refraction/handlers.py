@@ -340,6 +340,7 @@ _LISTED = (
     *("render_init", "render_pre", "render_post", "render_write"),
 )
 """Events after which Blender copies scenes, whatever handlers of the user's have changed."""
+_ENDS = ("render_complete", "render_cancel")
 _LIST_ALL = _guarded(_list_all)
 _TABLE = (
     *((event, _guarded(_list_last)) for event in _LISTED),
@@ -395,13 +396,29 @@ def unregister() -> None:
     # The scenes' settings go next, and a render's thread may be reading them.
     ask_to_stop()
     with _working:
-        _registered = _rendering = False
+        _registered = False
+        # In its own handlers a render that blocks is known by nothing else.
+        _rendering = _rendering and not is_rendering()
     go_on()
-    wait = _leave()
-    if wait is not None:
-        bpy.app.timers.register(_leave, first_interval=wait)
+    if _rendering:
+        for name in _ENDS:
+            getattr(bpy.app.handlers, name).append(_on_last_render_end)
+    else:
+        wait = _leave()
+        if wait is not None:
+            bpy.app.timers.register(_leave, first_interval=wait)
     _asked.clear()
     door.forget()
+
+
+@persistent
+def _on_last_render_end(*_) -> None:
+    """The end of a render in whose handlers the extension was disabled."""
+    global _rendering
+    for name in _ENDS:
+        getattr(bpy.app.handlers, name).remove(_on_last_render_end)
+    _rendering = False
+    _leave()
 
 
 def _leave() -> float | None:

@@ -467,6 +467,32 @@ def test_disabled_it_leaves_nothing_and_enabled_it_starts_again(scene):
     assert find_layers(scene) is not None
 
 
+@pytest.mark.parametrize("event", ["render_init", "frame_change_pre", "render_pre", "render_post"])
+def test_disabled_in_a_renders_handler_it_leaves_nothing_when_that_has_ended(scene, event):
+    """Blender 5.2 crashed: own scenes went that the render was reading."""
+    scene.refractive_glass.shading = "TRUE"
+    left = []
+
+    def disable(*_):
+        if not left:
+            left.append(_own_blocks("scenes"))
+            glass_refraction.unregister()
+            left.append(_own_blocks("scenes"))
+
+    handlers_of_event = getattr(bpy.app.handlers, event)
+    handlers_of_event.append(disable)
+    try:
+        bpy.ops.render.render()
+    finally:
+        handlers_of_event.remove(disable)
+    assert left[0] == left[1] != []
+    assert _own_blocks() == []
+    glass_refraction.register()
+    scene.refractive_glass.shading = "TRUE"
+    _prepare(scene)
+    assert _own_blocks("scenes") != []
+
+
 def test_appended_and_linked_glasses_bring_no_own_data(scene, tmp_path):
     library = tmp_path / "library.blend"
     _prepare(scene)
