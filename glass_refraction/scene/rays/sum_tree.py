@@ -255,6 +255,8 @@ class SumTree(_Lookups):
         is_as_large = self._math(
             "LESS_THAN", self._vector("DISTANCE", self._size(image), size), 0.5
         )
+        if not captures:
+            return is_as_large
         # Of what is not drawn the size is 0.
         drawn = self._size(captures[0])
         for capture in captures[1:]:
