@@ -35,7 +35,7 @@ def scene_named(name):
         # A pixel of glass: rays that bring light, ways. A frame: casts, rays that are cast.
         ("eraser", 3.1, 10.2, 34, 60_000),
         ("four glasses", 3.8, 9.9, 20, 27_500),
-        # Strong light is followed however long it runs round, to 128 events: few rays in many casts.
+        # Strong light is followed however long it runs round: few rays in many casts.
         ("ball of a thousand triangles", 5.8, 14.7, 364, 158_000),
     ],
 )
