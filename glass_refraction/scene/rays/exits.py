@@ -102,10 +102,10 @@ def centre_rays(pixels: np.ndarray, follower: Follower) -> PictureRays:
 
     def parts() -> Iterator[Ways]:
         first = 0
-        for block, ways, lost, dark in follower.blocks(pixels, np.zeros((1, 2))):
-            yield replace(ways, ray=ways.ray + np.int32(first))
-            left.append((lost, dark))
-            first += len(block)
+        for part in follower.blocks([(pixels, np.zeros((1, 2)))]):
+            yield replace(part.ways, ray=part.ways.ray + np.int32(first))
+            left.append((part.lost, part.dark))
+            first += len(part.pixels)
 
     ways = joined(Ways, parts())
     lost, dark = map(np.concatenate, zip(*left, strict=True))
@@ -206,26 +206,28 @@ class FinerRays:
 
     def _blocks(self) -> Iterator[PictureRays]:
         limits = [limit for _, limit in self._tiers[1:]] + [np.inf]
+        sets = []
         for (count, least), most in zip(self._tiers, limits, strict=True):
             pixels = np.flatnonzero((self._ends > least) & (self._ends <= most))
-            places = self._sigma * _lattice(count)
+            sets.append((pixels, self._sigma * _lattice(count)))
+        for some, places, ways, lost, dark in self._follower.blocks(sets, self._codes):
+            count = len(places)
             one = 1.0 / (count + self._follower.rough)
-            for some, ways, lost, dark in self._follower.blocks(pixels, places, self._codes):
-                light = np.bincount(ways.ray, ways.weight, len(lost))
-                blank = np.flatnonzero(light + lost + dark == 0.0)
-                light, left, dark = (
-                    one * p.reshape(-1, count).sum(axis=1) for p in (light, lost, dark)
-                )
-                self._stays[some] = dark
-                centre = self._brought[some] if self._follower.rough else 0.0
-                self._brought[some] += light
-                self._wanted[some] = centre + light + left
-                pixel = np.repeat(some, count)
-                ways = ways.scaled(self._factor(some)[ways.ray // count])
-                # The picture of such a pixel also shows what is behind the glass, unrefracted.
-                ways = joined(Ways, (ways, self._follower.before(some, places, blank)))
-                share = np.full(len(lost), one)
-                yield PictureRays(pixel, share, np.zeros(len(lost)), ways)
+            light = np.bincount(ways.ray, ways.weight, len(lost))
+            blank = np.flatnonzero(light + lost + dark == 0.0)
+            light, left, dark = (
+                one * p.reshape(-1, count).sum(axis=1) for p in (light, lost, dark)
+            )
+            self._stays[some] = dark
+            centre = self._brought[some] if self._follower.rough else 0.0
+            self._brought[some] += light
+            self._wanted[some] = centre + light + left
+            pixel = np.repeat(some, count)
+            ways = ways.scaled(self._factor(some)[ways.ray // count])
+            # The picture of such a pixel also shows what is behind the glass, unrefracted.
+            ways = joined(Ways, (ways, self._follower.before(some, places, blank)))
+            share = np.full(len(lost), one)
+            yield PictureRays(pixel, share, np.zeros(len(lost)), ways)
 
     def _factor(self, pixels) -> np.ndarray:
         """By what the ways of pixels are multiplied so that they bring all their light."""

@@ -40,9 +40,9 @@ pixel's."""
 ENOUGH = 0.25
 """Part of the light of a pixel that must be followed to stand for all of it. Where less is, it
 stands for four times as much, and the rest is dark."""
-TOGETHER = 100_000
-"""Rays that are followed together. While they are, each takes a kilobyte and more; fewer would cost
-time, for each step is a batch of casts."""
+TOGETHER, MOST_TOGETHER = 100_000, 2.0
+"""About how many rays are followed together, and times that at most. While they are, each takes a
+kilobyte and more; fewer would cost time, for each step is a batch of casts."""
 NEAR = 8.0 * TOUCHING
 """Of the largest coordinate: where float32 keeps places, things so near to a ray may matter."""
 MOST_LAMPS = 4
@@ -57,6 +57,17 @@ class Passed(Columns):
 
     ray: np.ndarray
     ends: np.ndarray
+
+
+class Part(NamedTuple):
+    """Pixels (N,), places (P, 2) of rays in each, the ways of these, and parts (N · P,) of their
+    light: what was not followed, and what stays in the glasses."""
+
+    pixels: np.ndarray
+    places: np.ndarray
+    ways: Ways
+    lost: np.ndarray
+    dark: np.ndarray
 
 
 class Block(NamedTuple):
@@ -132,6 +143,21 @@ class Block(NamedTuple):
             rows, ray = self.rows_of(part.ray, pixels, count)
             parts.append(replace(part.take(rows), ray=ray))
         return Block(pixels, parts[0], self.lost_of(pixels, count), parts[1])
+
+
+class _Piece(NamedTuple):
+    """Pixels and places of their rays, a block of some of these pixels, None: of none, and all
+    others."""
+
+    pixels: np.ndarray
+    places: np.ndarray
+    old: Block | None
+    new: np.ndarray
+
+    @property
+    def samples(self) -> np.ndarray:
+        """Numbers of a pixel's rays; its centre, alone, is the first of its samples."""
+        return np.arange(len(self.places)) + (len(self.places) > 1)
 
 
 @dataclass
@@ -244,45 +270,50 @@ class Follower:
         return self.min_weight * (1.0 if self.rough else FINE)
 
     def blocks(
-        self, pixels: np.ndarray, places: np.ndarray, settled: np.ndarray | None = None
-    ) -> Iterator[tuple[np.ndarray, Ways, np.ndarray, np.ndarray]]:
-        """Ways of rays through places (P, 2) of each pixel (N,), numbers rising, from its centre.
+        self, sets: Sequence[tuple[np.ndarray, np.ndarray]], settled: np.ndarray | None = None
+    ) -> Iterator[Part]:
+        """Ways of rays through places (P, 2), from its centre, of each pixel (N,), numbers rising.
 
-        Rays that meet no glass first have no way.
+        Rays that meet no glass first have no way. All sets are followed together: rays end after
+        many steps, and a step of few rays takes hardly less time than one of some more.
 
         Parameters
         ----------
+        sets : pixels and their places, other places in each; of each at least one part is yielded.
         settled : sorted `way_codes` of ways that are known and left out here; ways that carry less
             than `fine_weight` are not followed then. None: all are followed.
-
-        Yields
-        ------
-        At least once: a part of the pixels, their ways, and parts of each ray's light: what was not
-        followed, and what stays in the glasses.
         """
         least = self.min_weight if settled is None else self.fine_weight
-        key = (least, places.tobytes())
-        known = self.kept.parts.pop(key, [])
-        room, kept = MOST_KEPT - self.kept.size, []
-        for part, old in _divided(pixels, known, max(1, TOGETHER // len(places))):
-            whole = self._whole(part, places, least, old, keep=room > 0)
-            room -= whole.size
-            kept = [*kept, whole] if len(whole.pixels) and room >= 0 else []
-            rows, ray = whole.rows_of(whole.ways.ray, part, len(places))
-            lost = whole.lost_of(part, len(places))
-            if self._apart:
-                met = lost[:, 0] > 0.0
-                met[ray] = True
-                seen = self._unhidden(met, part, places)
-                rows, ray, lost = rows[seen[ray]], ray[seen[ray]], lost * seen[:, None]
-            lost, dark = lost[:, 0] - lost[:, 1], lost[:, 1]
-            some = unsettled(whole.ways, rows, ray, lost, part, settled)
-            if self._apart:
-                self._end(whole.ways, rows[some])
-            ways = replace(whole.ways.take(rows[some]), ray=ray[some])
-            yield part, self._past_lamps(ways), lost, dark
-        if kept:
-            self.kept.parts[key] = kept
+        kept: dict[tuple[float, bytes], list[Block]] = {}
+        pieces: list[_Piece] = []
+        for pixels, places in sets:
+            known = self.kept.parts.pop((least, places.tobytes()), [])
+            pieces += _pieces(pixels, places, known)
+        room = MOST_KEPT - self.kept.size
+        for some in _gathered(pieces):
+            for piece, whole in zip(some, self._whole(some, least, room > 0), strict=True):
+                room -= whole.size
+                if len(whole.pixels) and room >= 0:
+                    kept.setdefault((least, piece.places.tobytes()), []).append(whole)
+                yield self._part(piece, whole, settled)
+        self.kept.parts.update(kept)
+
+    def _part(self, piece: _Piece, whole: Block, settled: np.ndarray | None) -> Part:
+        """What a piece's rays bring, of a block that has them all."""
+        pixels, places = piece.pixels, piece.places
+        rows, ray = whole.rows_of(whole.ways.ray, pixels, len(places))
+        lost = whole.lost_of(pixels, len(places))
+        if self._apart:
+            met = lost[:, 0] > 0.0
+            met[ray] = True
+            seen = self._unhidden(met, pixels, places)
+            rows, ray, lost = rows[seen[ray]], ray[seen[ray]], lost * seen[:, None]
+        lost, dark = lost[:, 0] - lost[:, 1], lost[:, 1]
+        some = unsettled(whole.ways, rows, ray, lost, pixels, settled)
+        if self._apart:
+            self._end(whole.ways, rows[some])
+        ways = replace(whole.ways.take(rows[some]), ray=ray[some])
+        return Part(pixels, places, self._past_lamps(ways), lost, dark)
 
     def _rays(self, pixels: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         width = self.view.size[0]
@@ -293,14 +324,16 @@ class Follower:
         origins, directions = self.view.rays(np.stack((x, y), axis=1))
         return origins, np.array(directions)
 
-    def _traced(self, pixels: np.ndarray, places: np.ndarray, least: float, keep: bool) -> Block:
-        """What rays do, up to the things that they meet if these reach among the glasses."""
+    def _traced(self, pieces: Sequence[_Piece], least: float, keep: bool) -> list[Block]:
+        """What the new rays of pieces do, up to the things that they meet if these reach among the
+        glasses."""
         things = not self._apart
-        origins, directions = self._rays(pixels, places)
+        rays = [self._rays(piece.new, piece.places) for piece in pieces]
+        origins, directions = map(np.concatenate, zip(*rays, strict=True))
         counters["exit_rays"] += len(origins)
         parts, passed, lost = [], [], np.zeros((len(origins), 2))
-        # A pixel's centre, alone, is the first of its samples.
-        sample = np.arange(len(places)) + (len(places) > 1)
+        pixel = [np.repeat(piece.new, len(piece.places)) for piece in pieces]
+        sample = [np.tile(piece.samples, len(piece.new)) for piece in pieces]
         for number, (colour, placed) in enumerate(self.bands):
             ends = optics.exit_rays(
                 placed,
@@ -311,8 +344,8 @@ class Follower:
                 things=self.boxes if things else None,
                 meet=self.meshes.meet if self.meshes else None,
                 fresnel=self.fresnel,
-                pixel=np.repeat(pixels, len(places)),
-                sample=np.tile(sample, len(pixels)),
+                pixel=np.concatenate(pixel),
+                sample=np.concatenate(sample),
                 between=check,
                 stretches=keep and things,
             )
@@ -343,21 +376,29 @@ class Follower:
             some[0] if len(some) == 1 else joined(kind, some)
             for kind, some in ((Ways, parts), (Passed, passed))
         )
-        return Block(pixels, ways, lost, passed)
+        if len(pieces) == 1:
+            return [Block(pieces[0].new, ways, lost, passed)]
+        ends = np.cumsum([len(part) for part in pixel])
+        ways, passed = (_shared_out(part, ends) for part in (ways, passed))
+        new = (piece.new for piece in pieces)
+        return list(map(Block, new, ways, np.split(lost, ends[:-1]), passed))
 
-    def _whole(
-        self, pixels: np.ndarray, places: np.ndarray, least: float, old: Block | None, keep: bool
-    ) -> Block:
-        """An old block and what rays do in those pixels that it has not.
+    def _whole(self, pieces: Sequence[_Piece], least: float, keep: bool) -> list[Block]:
+        """Of each piece an old block and what rays do in those pixels that it has not.
 
         ``keep``: the next frame may need it.
         """
-        if old is None:
-            return self._traced(pixels, places, least, keep)
-        new = np.setdiff1d(pixels, old.pixels, assume_unique=True)
-        if not len(new):
-            return old
-        return _merged(old, self._traced(new, places, least, keep), len(places))
+        lacking = [piece for piece in pieces if piece.old is None or len(piece.new)]
+        found = iter(self._traced(lacking, least, keep) if lacking else ())
+        blocks = []
+        for piece in pieces:
+            if piece.old is None:
+                blocks.append(next(found))
+            elif len(piece.new):
+                blocks.append(_merged(piece.old, next(found), len(piece.places)))
+            else:
+                blocks.append(piece.old)
+        return blocks
 
     def _unhidden(self, met: np.ndarray, pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
         """(N · P,) which rays, of those that have met a glass, meet no thing before it."""
@@ -515,21 +556,44 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def _divided(
-    pixels: np.ndarray, known: list[Block], most: int
-) -> Iterator[tuple[np.ndarray, Block | None]]:
-    """Pixels in parts, each with the known block that lies where it does.
+def _pieces(pixels: np.ndarray, places: np.ndarray, known: list[Block]) -> Iterator[_Piece]:
+    """Pixels in pieces, each with the known block that lies where it does.
 
-    Where there is none, or far more pixels than it has, there are at most so many in each part.
+    Where there is none, or far more pixels than it has, each has about `TOGETHER` rays.
     """
+    most = max(1, TOGETHER // len(places))
     firsts = [block.pixels[0] for block in known[1:]]
     parts = np.split(pixels, np.searchsorted(pixels, firsts))
     for part, old in zip(parts, known or [None], strict=True):
         if old is not None and len(part) <= 2 * most:
-            yield part, old
+            yield _Piece(part, places, old, np.setdiff1d(part, old.pixels, assume_unique=True))
             continue
-        for first in range(0, max(1, len(part)), most):
-            yield part[first : first + most], None
+        for some in np.array_split(part, max(1, round(len(part) / most))):
+            yield _Piece(some, places, None, some)
+
+
+def _gathered(pieces: list[_Piece]) -> Iterator[list[_Piece]]:
+    """Pieces in groups that are followed together."""
+    group, rays = [], 0
+    for piece in pieces:
+        count = len(piece.new) * len(piece.places)
+        if group and rays + count > MOST_TOGETHER * TOGETHER:
+            yield group
+            group, rays = [], 0
+        group.append(piece)
+        rays += count
+    yield group
+
+
+def _shared_out(part, ends: np.ndarray) -> list:
+    """Rows, the rays' numbers rising, by pieces that end before some rays; each counts its own."""
+    begin, first, found = 0, 0, []
+    order = np.argsort(part.ray, kind="stable")
+    for last, end in zip(np.searchsorted(part.ray, ends, sorter=order), ends, strict=True):
+        some = part.take(order[first:last])
+        found.append(replace(some, ray=some.ray - np.int32(begin)))
+        begin, first = end, last
+    return found
 
 
 def _merged(old: Block, new: Block, count: int) -> Block:

@@ -27,7 +27,7 @@ from glass_refraction.scene.rays.exits import (
     sun_light,
     together,
 )
-from glass_refraction.scene.rays.follow import unsettled
+from glass_refraction.scene.rays.follow import Part, unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
 from glass_refraction.scene.rays.lamps import Sun
 from glass_refraction.scene.rays.true import _filter_size
@@ -65,7 +65,11 @@ class Following:
     fine_weight = 0.0
     fresnel, rough, only_meshes = True, False, False
 
-    def blocks(self, pixels, places, settled=None):
+    def blocks(self, sets, settled=None):
+        for pixels, places in sets:
+            yield self._part(pixels, places, settled)
+
+    def _part(self, pixels, places, settled):
         width = self._view.size[0]
         pixel = np.repeat(pixels, len(places))
         x, y = np.tile(places, (len(pixels), 1)).T
@@ -73,7 +77,7 @@ class Following:
         ways, lost, stuck = (*self._follow(*rays), np.zeros(len(rays[0])))[:3]
         lost = lost - stuck
         rows = unsettled(ways, np.arange(len(ways)), ways.ray, lost, pixels, settled)
-        yield pixels, ways.take(rows), lost, stuck
+        return Part(pixels, places, ways.take(rows), lost, stuck)
 
     def before(self, pixels, places, rays):
         """Nothing stands before the glasses."""
