@@ -185,6 +185,26 @@ def test_hits_that_no_moved_thing_changed_are_known(monkeypatch):
     assert 0 < cast[1] < 0.3 * cast[0] and cast[2] == 0
 
 
+def test_rays_of_all_finenesses_are_followed_together(monkeypatch):
+    """Each call takes as many steps as its longest way, few rays in most of them."""
+    scene, cube = _bowl()
+    door.prepare(scene, scene_depsgraph(scene), strict=True)
+    monkeypatch.setattr(exits, "FINER", ((4, 0.05), (12, 0.1)))
+    calls = []
+
+    def exit_rays(*arguments, exit_rays=follow.optics.exit_rays, **named):
+        if "most_events" not in named:
+            calls.append(set(np.unique(named["pixel"], return_counts=True)[1]))
+        return exit_rays(*arguments, **named)
+
+    monkeypatch.setattr(follow.optics, "exit_rays", exit_rays)
+    for _ in range(2):
+        _computed(scene, monkeypatch)
+        cube.delta_location.x += 0.003
+    first, moved = calls[:2], calls[2:]
+    assert first == [{1}, {4, 12}] and moved == [{1}, {12}]
+
+
 def test_no_more_is_kept_than_there_is_room_for(monkeypatch):
     scene, _ = _bowl()
     monkeypatch.setattr(follow, "TOGETHER", 60)
