@@ -40,7 +40,7 @@ pixel's."""
 ENOUGH = 0.25
 """Part of the light of a pixel that must be followed to stand for all of it. Where less is, it
 stands for four times as much, and the rest is dark."""
-TOGETHER, MOST_TOGETHER = 100_000, 2.0
+TOGETHER, MOST_TOGETHER = 100_000, 1.6
 """About how many rays are followed together, and times that at most. While they are, each takes a
 kilobyte and more; fewer would cost time, for each step is a batch of casts."""
 NEAR = 8.0 * TOUCHING
