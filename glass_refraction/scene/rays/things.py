@@ -13,6 +13,7 @@ from ..names import own
 from ..read.arrays import mesh_triangles, positions, uv_map
 from ..read.cutouts import Masks, cutout_of, is_invisible
 from ..read.light_linking import is_mirrored
+from ..read.strands import balls, strands
 from .columns import Columns
 from .lamps import lamp_shape
 from .looks import Look, LookOf, hole_look, look_of, marked_look, softbox_look
@@ -56,8 +57,12 @@ class Met(Columns):
     direction: np.ndarray
 
 
-UNMET = frozenset(("VOLUME", "CURVES", "POINTCLOUD", "GREASEPENCIL"))
-"""Types of what is drawn without faces; hair of particles is, too."""
+UNMET = frozenset(("VOLUME", "GREASEPENCIL"))
+"""Types of what is drawn without faces and not met; hair of particles is not, either."""
+Drawn = bpy.types.Mesh | bpy.types.Curves | bpy.types.PointCloud
+"""What is met."""
+MOST_ROUND = 2_000_000
+"""Triangles that stand for a scene's strands and points: more are not met."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +158,7 @@ def read_things(
             look = marked_look(look, is_uncaptured=True)
         if obj.type in UNMET or _has_hair(obj):
             builder.unmet[owner.name] = None
-        if obj.type == "MESH":
+        if isinstance(obj.data, Drawn):
             builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float), look)
     return builder.things()
 
@@ -178,24 +183,28 @@ class _Builder:
         self._mapped = 0
         self._meshes: dict[int, tuple] = {}
         self._numbers: dict[tuple, int] = {}
-        self._count = 0
+        self._count = self._round = 0
 
     def add_mesh(
         self,
         obj: bpy.types.Object,
         owner: bpy.types.Object,
-        mesh: bpy.types.Mesh,
+        mesh: Drawn,
         to_world: np.ndarray,
         look: LookOf,
     ) -> None:
         """The triangles of one evaluated mesh that have a look; instances share what was read."""
-        shared = obj.type == "MESH"
         key = mesh.as_pointer()
-        if not (shared and key in self._meshes):
+        if key not in self._meshes:
             self._meshes[key] = _read(mesh)
         local, corners, slots, loops = self._meshes[key]
         if not len(corners):
             return
+        if not isinstance(mesh, bpy.types.Mesh):
+            self._round += len(corners)
+            if self._round > MOST_ROUND:
+                self.unmet[owner.name] = None
+                return
         surface = self._look_numbers(obj, owner, mesh, int(slots.max()), look)[slots]
         if (surface < 0).any():
             met = surface >= 0
@@ -237,9 +246,9 @@ class _Builder:
                 material = obj.material_slots[slot].material
             else:
                 material = mesh.materials[slot] if slot < len(mesh.materials) else None
-            key = (owner.name, obj.original.name, material.name if material else "")
+            key = (type(mesh), owner.name, obj.original.name, material.name if material else "")
             if key not in self._numbers:
-                look = self._cut(look_of(material), material)
+                look = self._cut(look_of(material), material, isinstance(mesh, bpy.types.Mesh))
                 self._numbers[key] = -1 if look is None else len(self.looks)
                 if look is not None:
                     self.looks.append(look)
@@ -247,13 +256,15 @@ class _Builder:
             numbers.append(self._numbers[key])
         return np.array(numbers, np.int32)
 
-    def _cut(self, look: Look | None, material: bpy.types.Material | None) -> Look | None:
+    def _cut(
+        self, look: Look | None, material: bpy.types.Material | None, is_mapped: bool
+    ) -> Look | None:
         """The look with what its material cuts out; None where nothing is left."""
         if look is None or self._masks is None:
             return look
         if is_invisible(material):
             return None
-        return replace(look, cutout=cutout_of(material, self._masks))
+        return replace(look, cutout=cutout_of(material, self._masks) if is_mapped else None)
 
     def _add(self, points, corners, surface, uv_rows) -> None:
         self.uv_row.append(uv_rows)
@@ -275,13 +286,21 @@ class _Builder:
         )
 
 
-def _read(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points (V, 3) and triangles (T, 3) of a mesh, their slots (T,) and face corners (T, 3)."""
-    corners, loops = mesh_triangles(mesh), mesh_triangles(mesh, "loops")
-    slots = np.zeros(len(corners), np.int32)
-    if "material_index" in mesh.attributes:
-        slots = mesh_triangles(mesh, "material_index")
-    local = positions(mesh).astype(float)
+def _read(mesh: Drawn) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points (V, 3) and triangles (T, 3) of a mesh, their slots (T,) and face corners (T, 3).
+
+    Of strands and points, which have no face corners, the points' numbers in their place.
+    """
+    if isinstance(mesh, bpy.types.Mesh):
+        corners, loops = mesh_triangles(mesh), mesh_triangles(mesh, "loops")
+        slots = np.zeros(len(corners), np.int32)
+        if "material_index" in mesh.attributes:
+            slots = mesh_triangles(mesh, "material_index")
+        local = positions(mesh).astype(float)
+    else:
+        read = strands if isinstance(mesh, bpy.types.Curves) else balls
+        local, corners, slots = read(mesh)
+        loops = corners
     finite = np.isfinite(local).all(axis=1)
     if not finite.all():
         keep = finite[corners].all(axis=1)

@@ -282,7 +282,8 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     problems += _lit_from_elsewhere(scene, result)
     problems += _thickened(scene, read)
     problems += [
-        f'Rays do not meet "{owner}": no volume, hair, point cloud or Grease Pencil is refracted'
+        f'Rays do not meet "{owner}": no volume, Grease Pencil or hair of particles is refracted, '
+        "and of curves' hair and point clouds two million triangles at most"
         for owner in read.things.unmet
     ]
     if scene.render.engine == "CYCLES":

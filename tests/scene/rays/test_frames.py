@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whole pictures of True shading, in small: against closed forms, Cycles and themselves."""
 
-from itertools import pairwise
-
 import bpy
 import numpy as np
 import pytest
@@ -1229,20 +1227,6 @@ def test_what_depends_on_the_cameras_distance_is_looked_up_in_the_picture(tmp_pa
     assert _problems(scene) == []
 
 
-def _points(obj):
-    obj.modifiers.new("Points", "NODES").node_group = tree = bpy.data.node_groups.new(
-        "Points", "GeometryNodeTree"
-    )
-    for kind in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket("Mesh", in_out=kind, socket_type="NodeSocketGeometry")
-    nodes = [
-        tree.nodes.new(name)
-        for name in ("NodeGroupInput", "GeometryNodeMeshToPoints", "NodeGroupOutput")
-    ]
-    for one, other in pairwise(nodes):
-        tree.links.new(one.outputs[0], other.inputs[0])
-
-
 def _hair(obj):
     obj.modifiers.new("Hair", "PARTICLE_SYSTEM")
     obj.particle_systems[0].settings.type = "HAIR"
@@ -1254,9 +1238,7 @@ def _pencil(obj):
     bpy.data.objects.remove(obj)
 
 
-@pytest.mark.parametrize(
-    ("change", "name"), [(_points, "Thing"), (_hair, "Thing"), (_pencil, "Strokes"), (None, "")]
-)
+@pytest.mark.parametrize(("change", "name"), [(_hair, "Thing"), (_pencil, "Strokes"), (None, "")])
 def test_what_rays_do_not_meet_is_told_of(tmp_path, change, name):
     scenes.camera()
     scene = _scene(samples=1)
