@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of a capture nobody looks up is hidden behind a curtain, which costs a path tracer nothing.
+"""What hangs before a capture's camera: a curtain, a pane.
+
+What nobody looks up is hidden behind a curtain, which costs a path tracer nothing. Rays are no
+camera's any more behind a pane.
 
 A compositor renders other scenes whole: their own render borders are not asked.
 """
@@ -17,6 +20,8 @@ REACH_PX = SHARPENINGS + 4
 """Pixels round a place that its lookup, or a pixel filter, can reach."""
 BEHIND_NEAR = 1.05
 """Of the distance at which the view begins to see: where the curtain hangs."""
+BEHIND_CURTAIN = 1.1
+"""The same, of the pane."""
 
 
 def looked_up(view: RadianceView, pixels: np.ndarray) -> np.ndarray:
@@ -44,7 +49,6 @@ def looked_up(view: RadianceView, pixels: np.ndarray) -> np.ndarray:
 
 def curtain(view: RadianceView, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points (V, 3) in camera space and quads (F, 4) before all squares that are not looked up."""
-    width, height = view.size
     rows = len(used)
     corners = []
     for row in range(rows):
@@ -54,9 +58,19 @@ def curtain(view: RadianceView, used: np.ndarray) -> tuple[np.ndarray, np.ndarra
             corners.append(((begin, row), (end, row), (end, row + 1), (begin, row + 1)))
     if not corners:
         return np.zeros((0, 3)), np.zeros((0, 4), int)
-    places = np.array(corners, float).reshape(-1, 2) * BLOCK_PX
-    p, depth = view.projection, BEHIND_NEAR * view.near
-    ndc = 2.0 * places / (width, height) - 1.0
+    return _hung(view, np.array(corners) * BLOCK_PX, BEHIND_NEAR * view.near)
+
+
+def pane(view: RadianceView) -> tuple[np.ndarray, np.ndarray]:
+    """The same of one quad before the whole frame."""
+    frame = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * view.size
+    return _hung(view, frame, BEHIND_CURTAIN * view.near)
+
+
+def _hung(view: RadianceView, places: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
+    """Quads with corners before pixels of the frame (…, 2), so many metres before the camera."""
+    places = places.reshape(-1, 2)
+    p, ndc = view.projection, 2.0 * places / view.size - 1.0
     points = np.empty((len(places), 3))
     points[:, :2] = (ndc + p[:2, 2]) / (p[0, 0], p[1, 1]) * depth
     points[:, 2] = -depth

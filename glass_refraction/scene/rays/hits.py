@@ -137,6 +137,7 @@ class Hits(Columns):
     sine : (K,) of the angle between way and triangle.
     glossy : (K,) whether it looks different from elsewhere.
     uncaptured : (K,) whether the direct picture alone may show it.
+    captured : (K,) whether captures alone may.
     """
 
     point: np.ndarray
@@ -147,6 +148,7 @@ class Hits(Columns):
     sine: np.ndarray
     glossy: np.ndarray
     uncaptured: np.ndarray
+    captured: np.ndarray
 
     @property
     def is_sky(self) -> np.ndarray:
@@ -191,7 +193,8 @@ class Scene:
         self._is_hole = np.array([look.is_hole for look in looks], bool)
         self._is_hidden = np.array([look.is_hidden for look in looks], bool)
         self._is_uncaptured = np.array([look.is_uncaptured for look in looks], bool)
-        self._is_cut = np.array([look.cutout is not None for look in looks], bool)
+        self._is_captured = np.array([look.is_of_cameras for look in looks], bool)
+        self._is_cut = np.array([look.cutout is not None or look.faces for look in looks], bool)
         varies = self._is_lamp.any() or self._is_cut.any()
         self.caster = Past(caster, self._is_there, skin) if varies else caster
         hides = self._is_hidden.any()
@@ -200,18 +203,20 @@ class Scene:
     def _is_there(self, met: Met) -> np.ndarray:
         """(K,) whether rays meet what is there.
 
-        Lamps are there for light of their own only, and what an image cuts out is there in part.
+        Lamps are there for light of their own only, and what a material cuts out is there in part.
         """
         surface = self.things.surface[met.triangle]
         there = np.ones(len(surface), bool)
         for number in np.unique(surface[(self._is_lamp | self._is_cut)[surface]]):
             here = np.flatnonzero(surface == number)
             look, found = self.things.looks[number], met.take(here)
-            if look.cutout is not None:
-                there[here] = ~look.cutout.clears(self.things.mapped(found))
+            sides = self.normals[found.triangle], found.direction
+            if look.is_lamp:
+                there[here] = any(look.radiance) & (look.lights(*sides) > 0.0)
                 continue
-            lit = look.lights(self.normals[found.triangle], found.direction) > 0.0
-            there[here] = any(look.radiance) & lit
+            there[here] = look.is_before(*sides)
+            if look.cutout is not None:
+                there[here] &= ~look.cutout.clears(self.things.mapped(found))
         return there
 
     def _is_shown(self, met: Met) -> np.ndarray:
@@ -241,16 +246,19 @@ class Scene:
     def hits(self, ways: Ways) -> Hits:
         """The hits of ways."""
         count = len(ways)
-        normal, glossy, uncaptured = np.zeros((count, 3)), *np.zeros((2, count), bool)
+        normal, marks = np.zeros((count, 3)), np.zeros((3, count), bool)
         some = np.flatnonzero(~ways.is_sky)
         triangle = ways.triangle[some]
         normal[some] = self.normals[triangle]
         surface = self.things.surface[triangle]
-        glossy[some], uncaptured[some] = self._is_glossy[surface], self._is_uncaptured[surface]
+        for mark, of_looks in zip(
+            marks, (self._is_glossy, self._is_uncaptured, self._is_captured), strict=True
+        ):
+            mark[some] = of_looks[surface]
         facing = np.einsum("nk,nk->n", ways.direction, normal)
         side, sine = np.sign(facing), np.abs(facing)
         known = ways.point, ways.direction, ways.triangle, normal, side, sine
-        return Hits(*known, glossy, uncaptured)
+        return Hits(*known, *marks)
 
     def worth(self, view: RadianceView, hits: Hits, direct: bool) -> tuple[np.ndarray, np.ndarray]:
         """How well a view shows each hit (K,), 0 where it lies outside, and its pixels there."""
@@ -343,12 +351,13 @@ def _show(scene: Scene, views: Views, ways: Ways) -> Shown:
     hits = scene.hits(ways.take(rows))
     # All views are compared where much light comes along a way, and where what a surface shows
     # depends on where it is seen from. Else the direct picture shows what it can.
-    compared = hits.glossy | (ways.weight[rows] > STRONG)
-    some, rest = np.flatnonzero(compared), np.flatnonzero(~compared)
     captures = {number: view for number, view in numbered.items() if number}
+    captured = hits.captured & any(not view.sky_only for view in captures.values())
+    compared = (hits.glossy | (ways.weight[rows] > STRONG)) & ~captured
+    some, rest = np.flatnonzero(compared), np.flatnonzero(~(compared | captured))
     _choose(scene, numbered, hits.take(some), rows[some], chosen, pixels)
     _choose(scene, {0: numbered[0]}, hits.take(rest), rows[rest], chosen, pixels)
-    rest = rest[chosen[rows[rest]] == UNSEEN]
+    rest = np.flatnonzero(~compared & (chosen[rows] == UNSEEN))
     _choose(scene, captures, hits.take(rest), rows[rest], chosen, pixels)
     return Shown(chosen, pixels)
 
@@ -419,6 +428,7 @@ def place_captures(
     # Captures of less worth are not placed for what they would show more finely.
     fine = spacing * (CAPTURE_WORTH / scene.capture_worth)
     shown = _seen(scene, direct, hits, _quality(scene, direct, hits, fine))
+    shown[hits.captured] = 0.0
     # Views of the sky alone show one that the film leaves out, or that cameras see otherwise.
     shown[known | hits.uncaptured | (ways.is_sky & (not scene.sky.is_in_pictures))] = 1.0
     begin = shown

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ..read.cutouts import Cutout
-from ..read.node_ends import TOLD_APART, asks_for, leading_node
+from ..read.node_ends import OF_CAMERAS, TOLD_APART, asks_for, leading_node
 from .beams import Beam
 
 GLOSSY = 0.7
@@ -36,10 +36,12 @@ class Look:
     is_uncaptured : captures do not show it, or otherwise than the picture.
     is_hole : a holdout: pictures have a hole there, and those of other scenes' cameras have not.
     is_glossy : what it shows depends on where it is seen from.
-    is_of_cameras : in Cycles light that comes through glass meets it otherwise, by *Light Path*.
+    is_of_cameras : light that comes through glass meets it otherwise, by *Light Path*: views
+        show it so behind a pane.
+    is_of_paths : and otherwise than behind a pane.
     is_mirror : other things are seen in it.
     reflectance : part of the light that it mirrors where it is seen squarely.
-    faces : 1: it gives light on the side of its normals only; 0: on both.
+    faces : 1: it is there on the side of its normals only; −1: on the other; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
     factors : of its light that comes through a glass, and that one mirrors.
     cutout : where nothing of it is there.
@@ -56,6 +58,7 @@ class Look:
     is_hole: bool = False
     is_uncaptured: bool = False
     is_of_cameras: bool = False
+    is_of_paths: bool = False
     is_mirror: bool = False
     reflectance: float = DIELECTRIC
     factors: tuple[float, float] = (1.0, 1.0)
@@ -68,10 +71,14 @@ class Look:
         ----------
         normals : (K, 3) of what they meet of it. directions : (K, 3) unit, away from the eye.
         """
-        part = np.ones(len(directions))
-        if self.faces:
-            part[np.einsum("nk,nk->n", normals, directions) >= 0.0] = 0.0
+        part = self.is_before(normals, directions).astype(float)
         return part if self.beam is None else part * self.beam.part(-directions)
+
+    def is_before(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """(K,) whether ways meet it on a side on which it is there; arguments as of `lights`."""
+        if not self.faces:
+            return np.ones(len(directions), bool)
+        return self.faces * np.einsum("nk,nk->n", normals, directions) < 0.0
 
 
 LookOf = Callable[[bpy.types.Material | None], Look | None]
@@ -87,6 +94,7 @@ def look_of(material: bpy.types.Material | None) -> Look:
         _shader_look(material),
         is_uncaptured=_asks_for_camera(tree),
         is_of_cameras=asks_for(tree, "LIGHT_PATH", TOLD_APART),
+        is_of_paths=asks_for(tree, "LIGHT_PATH", TOLD_APART - OF_CAMERAS),
     )
 
 

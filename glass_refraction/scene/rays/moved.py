@@ -30,9 +30,16 @@ class Known:
     def __init__(self, things: Things, counts: np.ndarray | None) -> None:
         self.corners = things.points[things.triangles]
         looks = zip(things.owners, things.looks, strict=True)
-        # Where lamps are dark they are not there, nor what an image cuts out.
+        # Where lamps are dark they are not there, nor what a material cuts out.
         kinds = [
-            (owner, look.is_lamp, look.beam, any(look.radiance), look.cutout and look.cutout.stamp)
+            (
+                owner,
+                look.is_lamp,
+                look.beam,
+                any(look.radiance),
+                look.faces,
+                look.cutout and look.cutout.stamp,
+            )
             for owner, look in looks
         ]
         kind = np.array([hash(kind) for kind in kinds], np.int64)

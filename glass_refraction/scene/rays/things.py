@@ -11,7 +11,7 @@ import numpy as np
 from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import mesh_triangles, positions, uv_map
-from ..read.cutouts import Masks, cutout_of, is_invisible
+from ..read.cutouts import Masks, cutout_of, faces_of, is_invisible
 from ..read.light_linking import is_mirrored
 from ..read.strands import balls, strands
 from .columns import Columns
@@ -131,7 +131,10 @@ def read_things(
     engine : of the render; Workbench is lit by no lamps and cuts nothing out.
     masks : what was read of images in this render.
     """
-    builder = _Builder(None if engine == "BLENDER_WORKBENCH" else masks)
+    culls = depsgraph.scene_eval.display.shading.show_backface_culling
+    builder = _Builder(engine, masks, int(culls and engine == "BLENDER_WORKBENCH"))
+    # Other engines have no rays that a material could tell apart.
+    told_apart = engine == "CYCLES" and depsgraph.view_layer.material_override is None
     for instance in depsgraph.object_instances:
         obj = instance.object
         original = obj.original
@@ -153,6 +156,8 @@ def read_things(
             look = softbox_look
         if engine == "CYCLES" and not (obj.visible_transmission and owner.visible_transmission):
             look = marked_look(look, is_passed=True)
+        if not told_apart:
+            look = marked_look(look, is_of_cameras=False, is_of_paths=False)
         if owner.type == "META":
             # Captures have the user's scene as their set, and Blender leaves a set's metaballs out.
             look = marked_look(look, is_uncaptured=True)
@@ -170,8 +175,8 @@ def _has_hair(obj: bpy.types.Object) -> bool:
 
 
 class _Builder:
-    def __init__(self, masks: Masks | None) -> None:
-        self._masks = masks
+    def __init__(self, engine: str, masks: Masks, faces: int) -> None:
+        self._engine, self._masks, self._faces = engine, masks, faces
         self.unmet: dict[str, None] = {}
         self.points: list[np.ndarray] = [np.empty((0, 3))]
         self.triangles: list[np.ndarray] = [np.empty((0, 3), np.int32)]
@@ -200,6 +205,9 @@ class _Builder:
         local, corners, slots, loops = self._meshes[key]
         if not len(corners):
             return
+        if np.linalg.det(to_world[:3, :3]) < 0.0:
+            # A mirrored mesh looks outwards as it did.
+            corners, loops = corners[:, ::-1], loops[:, ::-1]
         if not isinstance(mesh, bpy.types.Mesh):
             self._round += len(corners)
             if self._round > MOST_ROUND:
@@ -260,11 +268,14 @@ class _Builder:
         self, look: Look | None, material: bpy.types.Material | None, is_mapped: bool
     ) -> Look | None:
         """The look with what its material cuts out; None where nothing is left."""
-        if look is None or self._masks is None:
-            return look
+        if look is None:
+            return None
+        if self._engine == "BLENDER_WORKBENCH":
+            return replace(look, faces=self._faces)
         if is_invisible(material):
             return None
-        return replace(look, cutout=cutout_of(material, self._masks) if is_mapped else None)
+        cutout = cutout_of(material, self._masks) if is_mapped else None
+        return replace(look, cutout=cutout, faces=faces_of(material, self._engine))
 
     def _add(self, points, corners, surface, uv_rows) -> None:
         self.uv_row.append(uv_rows)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
 import bpy
 import numpy as np
@@ -47,6 +48,7 @@ from ..read.viewpoint import (
 from ..read.visibility import rendered_layer
 from ..read.world import film_exposure, shown_world
 from .caster import Casters, fill_cast_collection
+from .curtain import pane
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
 from .frame import NO_CURTAIN, FrameInput, FrameResult, Room, compute
@@ -62,7 +64,7 @@ from .views import RadianceView
 CURTAIN = "curtain"
 """Role of what hides the pixels of a view that nobody looks up."""
 PANE = "pane"
-"""Role of what light of a view of the sky has come through, where cameras see another sky."""
+"""Role of what light of a view has come through, where cameras see another sky or other things."""
 PANE_MESH = (
     np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]),
     np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]),
@@ -186,7 +188,7 @@ def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
     collection = new_collection(view[TAG], view)
     camera = new_object(view[TAG], bpy.data.cameras.new(hidden_name(view[TAG])), collection)
     view.camera = camera
-    for role in (CURTAIN, PANE) if view[TAG] == SKY else (CURTAIN,):
+    for role in (CURTAIN, PANE):
         mesh = bpy.data.meshes.new(hidden_name(role))
         before = new_object(role, mesh, collection)
         mesh.materials.append(_material(role))
@@ -274,11 +276,13 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         problems.append(UNREADY)
     views = find_own_scenes(scene, (CAPTURE, SKY))
     read = _read(scene, depsgraph, view, problems)
+    looks, owners = read.things.looks, read.things.owners
     result = compute(read, _casters(scene), ROOM, _kept(scene), _kept_light(scene))
     # From here on all is written: a picture of two frames' halves would be none.
     check()
     white = 2.0**-depsgraph.scene_eval.view_settings.exposure
-    _write(scene, views, result, read.sky.is_of_cameras, white)
+    panes = {SKY: read.sky.is_of_cameras, CAPTURE: any(look.is_of_cameras for look in looks)}
+    _write(scene, views, result, panes, white)
     problems += _lit_from_elsewhere(scene, result)
     problems += _thickened(scene, read)
     problems += [
@@ -286,12 +290,12 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         "and of curves' hair and point clouds two million triangles at most"
         for owner in read.things.unmet
     ]
-    if scene.render.engine == "CYCLES":
-        looks = zip(read.things.owners, read.things.looks, strict=True)
-        problems += [
-            f'"{owner}" looks otherwise to camera rays (Light Path node), and so the glass shows it'
-            for owner in dict.fromkeys(owner for owner, look in looks if look.is_of_cameras)
-        ]
+    pairs = zip(owners, looks, strict=True)
+    problems += [
+        f'"{owner}" asks for more of a ray than if it is a camera\'s (Light Path node), and looks '
+        "in the glass as behind a pane"
+        for owner in dict.fromkeys(owner for owner, look in pairs if look.is_of_paths)
+    ]
     problems += [
         f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
         for owner, share in result.mirrors.items()
@@ -508,10 +512,10 @@ def _write(
     scene: bpy.types.Scene,
     views: list[bpy.types.Scene],
     result: FrameResult,
-    through_panes: bool,
+    panes: Mapping[str, bool],
     white: float,
 ) -> None:
-    """Write a frame's pictures and views; those of the sky are seen through panes, or not.
+    """Write a frame's pictures and views; ``panes``: by role whether these are seen through panes.
 
     ``white``: radiance that is shown as white.
     """
@@ -544,8 +548,8 @@ def _write(
             # In Cycles it saves the pixels' samples. In EEVEE it would stand in the way of what is
             # traced on the screen.
             _hang(view, CURTAIN, curtain if view.render.engine == "CYCLES" else NO_CURTAIN)
-            if own(view, SKY):
-                _hang(view, PANE, PANE_MESH if through_panes else NO_CURTAIN)
+            mesh = PANE_MESH if own(view, SKY) else pane(camera)
+            _hang(view, PANE, mesh if panes[view[TAG]] else NO_CURTAIN)
     # Its size tells: 2 if there is a view that is drawn for this frame, else 1.
     pictures.write(np.zeros((1, 1 + any_is_rendered, 4), np.float32), "rendered")
 

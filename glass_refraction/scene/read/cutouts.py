@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a material cuts its surface out by the alpha of an image: leaves, labels, fences.
+"""Where a material cuts its surface out: leaves and fences by an image, walls by their side.
 
 Understood is an image on a UV map that leads to *Alpha* of a Principled BSDF, or mixes another
 shader with a white Transparent BSDF, straight or by way of Math nodes with constants. What is
@@ -117,6 +117,22 @@ def cutout_of(material: bpy.types.Material | None, masks: Masks) -> Cutout | Non
     return None if found is None else _cutout(*found, masks)
 
 
+def faces_of(material: bpy.types.Material | None, engine: str) -> int:
+    """On which side a material's surface is there: 1 that of its normals, −1 the other, 0 both.
+
+    It goes by *Backfacing*, in EEVEE by *Backface Culling* too.
+    """
+    if material is not None and engine == "BLENDER_EEVEE" and material.use_backface_culling:
+        return 1
+    end = _end(material)
+    found = None if end is None else _alpha(_linked(end.inputs["Surface"])[0])
+    node, output, steps = (None, None, None) if found is None else _source(*found)
+    if node is None or node.type != "NEW_GEOMETRY" or output.name != "Backfacing":
+        return 0
+    front, back = _stepped(np.array((0.0, 1.0)), steps) <= MOST_ALPHA
+    return int(back) - int(front)
+
+
 def is_invisible(material: bpy.types.Material | None) -> bool:
     """Whether a material has no surface at all: it is fully transparent, or a volume's."""
     end = _end(material)
@@ -179,21 +195,37 @@ Step = tuple[str, int, float]
 
 def _cutout(socket: bpy.types.NodeSocket, steps: tuple[Step, ...], masks: Masks) -> Cutout | None:
     """That of the alpha that leads to a socket; ``steps``: what is done to it after that."""
-    node, output = _linked(socket)
-    while node is not None and node.type == "MATH":
-        linked = [n for n, value in enumerate(node.inputs) if value.enabled and value.is_linked]
-        if len(linked) != 1 or linked[0] > 1 or node.operation not in _MATH:
-            return None
-        constant = float(node.inputs[1 - linked[0]].default_value)
-        clamp = (("MAXIMUM", 1, 0.0), ("MINIMUM", 1, 1.0)) if node.use_clamp else ()
-        steps = ((node.operation, 1 - linked[0], constant), *clamp, *steps)
-        node, output = _linked(node.inputs[linked[0]])
+    node, output, steps = _source(socket, steps)
     if node is None or node.type != "TEX_IMAGE" or node.projection != "FLAT":
         return None
     mapped, mask = _map_of(node.inputs["Vector"]), _mask(node.image, output.name, steps, masks)
     if mapped is None or mask is None:
         return None
     return Cutout(mapped[0], mask, node.extension, mapped[1], node.interpolation != "Closest")
+
+
+def _source(
+    socket: bpy.types.NodeSocket, steps: tuple[Step, ...]
+) -> tuple[bpy.types.ShaderNode | None, bpy.types.NodeSocket | None, tuple[Step, ...]]:
+    """The node that leads to a socket past Math nodes, its output, and all that is done to that."""
+    node, output = _linked(socket)
+    while node is not None and node.type == "MATH":
+        linked = [n for n, value in enumerate(node.inputs) if value.enabled and value.is_linked]
+        if len(linked) != 1 or linked[0] > 1 or node.operation not in _MATH:
+            return None, None, ()
+        constant = float(node.inputs[1 - linked[0]].default_value)
+        clamp = (("MAXIMUM", 1, 0.0), ("MINIMUM", 1, 1.0)) if node.use_clamp else ()
+        steps = ((node.operation, 1 - linked[0], constant), *clamp, *steps)
+        node, output = _linked(node.inputs[linked[0]])
+    return node, output, steps
+
+
+def _stepped(value: np.ndarray, steps: tuple[Step, ...]) -> np.ndarray:
+    """What Math nodes make of values."""
+    for operation, place, constant in steps:
+        pair = (constant, value) if place == 0 else (value, constant)
+        value = _MATH[operation](*pair).astype(np.float32)
+    return value
 
 
 def _map_of(socket: bpy.types.NodeSocket) -> tuple[str, np.ndarray] | None:
@@ -233,11 +265,7 @@ def _mask(
         return None
     key = (image.original.session_uid, width, height, image.filepath, output, steps)
     if key not in masks:
-        value = _values(image, output)
-        for operation, place, constant in steps:
-            pair = (constant, value) if place == 0 else (value, constant)
-            value = _MATH[operation](*pair).astype(np.float32)
-        masks[key] = Mask.of(value <= MOST_ALPHA)
+        masks[key] = Mask.of(_stepped(_values(image, output), steps) <= MOST_ALPHA)
     mask = masks[key]
     return mask if mask.clear.any() else None
 

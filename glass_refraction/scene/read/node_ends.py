@@ -11,6 +11,8 @@ TOLD_APART = {"Is Camera Ray", "Is Glossy Ray", "Is Singular Ray", "Is Reflectio
 TOLD_APART |= {"Is Transmission Ray", "Ray Length", "Ray Depth", "Diffuse Depth", "Glossy Depth"}
 TOLD_APART |= {"Transparent Depth", "Transmission Depth", "Portal Depth"}
 """Outputs of a Light Path node by which a camera's ray and one through glass may differ."""
+OF_CAMERAS = {"Is Camera Ray", "Is Transmission Ray", "Is Singular Ray"}
+"""Those that are the same behind one pane as behind any glass."""
 
 
 def trees(tree: bpy.types.NodeTree | None) -> list[bpy.types.NodeTree]:

@@ -152,6 +152,38 @@ def test_rays_pass_where_alpha_is_nil(make):
     assert distance == pytest.approx(np.where(x < 0.0, 2.0, 1.0))
 
 
+def _culled(nodes):
+    nodes.material.use_backface_culling = True
+    return "BLENDER_EEVEE", 1.0
+
+
+def _by_backfacing(nodes):
+    nodes.mixed(nodes.new("NewGeometry").outputs["Backfacing"], clear_first=False)
+    return "CYCLES", 1.0
+
+
+def _only_behind(nodes):
+    nodes.mixed(nodes.new("NewGeometry").outputs["Backfacing"])
+    return "CYCLES", -1.0
+
+
+@pytest.mark.parametrize("mirrored", [1.0, -1.0])
+@pytest.mark.parametrize(
+    "make", [_culled, _by_backfacing, _only_behind], ids=lambda f: f.__name__[1:]
+)
+def test_rays_pass_what_shows_its_other_side_alone(make, mirrored):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    nodes = Nodes()
+    engine, side = make(nodes)
+    fence = _fence(nodes)
+    fence.scale.x = mirrored
+    things = read_things(scenes.depsgraph(), frozenset(), frozenset(), engine, {})
+    outwards = fence.matrix_world.to_3x3().inverted().transposed() @ fence.data.polygons[0].normal
+    scene = Scene(_Straight(things), things, None, skin=1e-6)
+    distance, _ = scene.caster.cast(np.array([(0.1, -1.0, 0.2)]), np.array([(0.0, 1.0, 0.0)]))
+    assert distance[0] == pytest.approx(1.0 if side * outwards.y < 0.0 else 2.0)
+
+
 def test_what_is_not_understood_is_there():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     nodes = Nodes()

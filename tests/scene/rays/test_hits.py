@@ -28,7 +28,7 @@ def test_one_camera_shows_surfaces_that_are_met_from_all_sides():
     normal = np.tile((0.0, 0.0, 1.0), (len(turn), 1))
     side, sine = np.sign(direction[:, 2]), np.abs(direction[:, 2])
     numbers = np.zeros(len(turn), int)
-    found = hits.Hits(point, direction, numbers, normal, side, sine, *[numbers > 0] * 2)
+    found = hits.Hits(point, direction, numbers, normal, side, sine, *[numbers > 0] * 3)
     before = hits._eye_before(found, np.ones(len(turn)))
     towards = point - before
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
@@ -39,7 +39,7 @@ def test_one_camera_shows_surfaces_that_are_met_from_all_sides():
 def test_the_sky_has_no_eye_before_it():
     sky = -np.ones(3, int)
     rays = np.tile((0.0, 1.0, 0.0), (3, 1))
-    found = hits.Hits(rays, rays, sky, 0.0 * rays, np.ones(3), np.ones(3), *[sky > 0] * 2)
+    found = hits.Hits(rays, rays, sky, 0.0 * rays, np.ones(3), np.ones(3), *[sky > 0] * 3)
     assert hits._eye_before(found, np.ones(3)) is None
 
 
