@@ -169,6 +169,7 @@ class Scene:
     caster : of what light meets that leaves a glass: of lamps it passes what is dark for it, of
         what an image cuts out the holes.
     eyes : of what cameras show: lamps are hidden from most.
+    is_paned : captures look through a pane: something looks otherwise to cameras.
     """
 
     def __init__(
@@ -194,6 +195,7 @@ class Scene:
         self._is_hidden = np.array([look.is_hidden for look in looks], bool)
         self._is_uncaptured = np.array([look.is_uncaptured for look in looks], bool)
         self._is_captured = np.array([look.is_of_cameras for look in looks], bool)
+        self.is_paned = self._is_captured.any()
         self._is_cut = np.array([look.cutout is not None or look.faces for look in looks], bool)
         varies = self._is_lamp.any() or self._is_cut.any()
         self.caster = Past(caster, self._is_there, skin) if varies else caster
@@ -297,7 +299,10 @@ class Scene:
 
     def sketch(self, view: RadianceView) -> Sketch:
         """What the middles of a view's pixels meet."""
-        return self._sketches.of(view, self.things, self.normals, self.eyes)
+        return self._sketches.of(view, self.things, self.normals, self._eyes_of(view))
+
+    def _eyes_of(self, view: RadianceView) -> Caster | Past:
+        return self.caster if view.is_paned else self.eyes
 
     def shows(
         self, view: RadianceView, hits: Hits, some: np.ndarray, pixels: np.ndarray
@@ -323,7 +328,7 @@ class Scene:
             origins, directions = origins.copy(), directions.copy()
             directions[sky] = hits.direction[sky]
             origins[sky] = view.sky_sight(hits.direction[sky])
-        distance, triangle = self.eyes.cast(origins, directions)
+        distance, triangle = self._eyes_of(view).cast(origins, directions)
         met = (triangle == hits.triangle) | (distance >= lengths * (1.0 - SKIN))
         return np.where(sky, triangle < 0, met)
 
@@ -514,7 +519,8 @@ def _best_capture(
     views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, some)]
     eyes = [_eye_before(hits.take(group), ways.weight[group]) for group in groups]
     views += [_capture_from(eye, some, direct, aspect, near) for eye in eyes if eye is not None]
-    rated = [(v, _quality(scene, v, hits, spacing)) for v in views if v is not None]
+    views = [replace(v, is_paned=scene.is_paned) for v in views if v is not None]
+    rated = [(v, _quality(scene, v, hits, spacing)) for v in views]
     most = [gain(quality) for _, quality in rated]
     best, found = 0.0, None
     # No view adds more than if nothing hid its hits: most need no look.

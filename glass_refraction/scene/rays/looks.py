@@ -160,3 +160,9 @@ def softbox_look(material: bpy.types.Material | None) -> Look | None:
     strength = float(node.inputs["Strength"].default_value)
     radiance = tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])
     return Look((0.0, 0.0, 0.0), radiance, is_lamp=True, is_hidden=True)
+
+
+def card_look(material: bpy.types.Material | None) -> Look:
+    """The look of what is hidden from cameras alone, a softbox or not."""
+    softbox = softbox_look(material)
+    return softbox or replace(look_of(material), is_hidden=True, is_of_cameras=True)

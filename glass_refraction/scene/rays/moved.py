@@ -38,6 +38,7 @@ class Known:
                 look.beam,
                 any(look.radiance),
                 look.faces,
+                look.is_hidden,
                 look.cutout and look.cutout.stamp,
             )
             for owner, look in looks

@@ -16,7 +16,7 @@ from ..read.light_linking import is_mirrored
 from ..read.strands import balls, strands
 from .columns import Columns
 from .lamps import lamp_shape
-from .looks import Look, LookOf, hole_look, look_of, marked_look, softbox_look
+from .looks import Look, LookOf, card_look, hole_look, look_of, marked_look, softbox_look
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,8 @@ def read_things(
 ) -> Things:
     """The evaluated surfaces that a camera sees, instances realised, and the lamps of a size.
 
-    What is hidden from cameras and emits one colour is such a lamp: a softbox.
+    What is hidden from cameras and emits one colour is such a lamp: a softbox. In Cycles light
+    through glass meets all that is hidden from cameras alone.
 
     Parameters
     ----------
@@ -147,14 +148,16 @@ def read_things(
             if engine != "BLENDER_WORKBENCH" and is_mirrored(obj, mirrors):
                 builder.add_lamp(obj, np.array(instance.matrix_world, float), engine)
             continue
+        is_transmitted = obj.visible_transmission and owner.visible_transmission
         look = hole_look if owner.holdout_get(view_layer=depsgraph.view_layer) else look_of
         if not (obj.visible_camera and owner.visible_camera):
             if engine == "BLENDER_WORKBENCH" or not (
                 obj.visible_glossy and is_mirrored(owner, mirrors)
             ):
                 continue
-            look = softbox_look
-        if engine == "CYCLES" and not (obj.visible_transmission and owner.visible_transmission):
+            is_shown = told_apart and is_transmitted
+            look = card_look if is_shown else softbox_look
+        if engine == "CYCLES" and not is_transmitted:
             look = marked_look(look, is_passed=True)
         if not told_apart:
             look = marked_look(look, is_of_cameras=False, is_of_paths=False)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 
 import bpy
 import numpy as np
@@ -276,13 +275,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         problems.append(UNREADY)
     views = find_own_scenes(scene, (CAPTURE, SKY))
     read = _read(scene, depsgraph, view, problems)
-    looks, owners = read.things.looks, read.things.owners
     result = compute(read, _casters(scene), ROOM, _kept(scene), _kept_light(scene))
     # From here on all is written: a picture of two frames' halves would be none.
     check()
     white = 2.0**-depsgraph.scene_eval.view_settings.exposure
-    panes = {SKY: read.sky.is_of_cameras, CAPTURE: any(look.is_of_cameras for look in looks)}
-    _write(scene, views, result, panes, white)
+    _write(scene, views, result, read.sky.is_of_cameras, white)
     problems += _lit_from_elsewhere(scene, result)
     problems += _thickened(scene, read)
     problems += [
@@ -290,11 +287,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         "and of curves' hair and point clouds two million triangles at most"
         for owner in read.things.unmet
     ]
-    pairs = zip(owners, looks, strict=True)
+    looks = zip(read.things.owners, read.things.looks, strict=True)
     problems += [
         f'"{owner}" asks for more of a ray than if it is a camera\'s (Light Path node), and looks '
         "in the glass as behind a pane"
-        for owner in dict.fromkeys(owner for owner, look in pairs if look.is_of_paths)
+        for owner in dict.fromkeys(owner for owner, look in looks if look.is_of_paths)
     ]
     problems += [
         f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
@@ -512,10 +509,10 @@ def _write(
     scene: bpy.types.Scene,
     views: list[bpy.types.Scene],
     result: FrameResult,
-    panes: Mapping[str, bool],
+    through_panes: bool,
     white: float,
 ) -> None:
-    """Write a frame's pictures and views; ``panes``: by role whether these are seen through panes.
+    """Write a frame's pictures and views; those of the sky are seen through panes, or not.
 
     ``white``: radiance that is shown as white.
     """
@@ -548,8 +545,10 @@ def _write(
             # In Cycles it saves the pixels' samples. In EEVEE it would stand in the way of what is
             # traced on the screen.
             _hang(view, CURTAIN, curtain if view.render.engine == "CYCLES" else NO_CURTAIN)
-            mesh = PANE_MESH if own(view, SKY) else pane(camera)
-            _hang(view, PANE, mesh if panes[view[TAG]] else NO_CURTAIN)
+            if own(view, SKY):
+                _hang(view, PANE, PANE_MESH if through_panes else NO_CURTAIN)
+            else:
+                _hang(view, PANE, pane(camera) if camera.is_paned else NO_CURTAIN)
     # Its size tells: 2 if there is a view that is drawn for this frame, else 1.
     pictures.write(np.zeros((1, 1 + any_is_rendered, 4), np.float32), "rendered")
 

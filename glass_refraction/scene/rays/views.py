@@ -42,6 +42,7 @@ class RadianceView:
     near, far : metres before the eye, along the view direction, between which it sees things.
     is_parallel : orthographic.
     sky_only : it shows the world alone.
+    is_paned : it looks through a pane, behind which rays are no camera's any more.
     """
 
     eye: np.ndarray
@@ -54,12 +55,14 @@ class RadianceView:
     is_parallel: bool = False
     sky_only: bool = False
     far: float = np.inf
+    is_paned: bool = False
 
     @property
     def stamp(self) -> tuple:
         """The same for views that show the same of the same things."""
         arrays = (self.eye, self.to_camera, self.projection)
-        return (*(array.tobytes() for array in arrays), self.size, self.region, self.near, self.far)
+        kind = self.size, self.region, self.near, self.far, self.is_paned
+        return *(array.tobytes() for array in arrays), *kind
 
     @property
     def forward(self) -> np.ndarray:
