@@ -150,7 +150,10 @@ def read_things(
             continue
         is_transmitted = obj.visible_transmission and owner.visible_transmission
         look = hole_look if owner.holdout_get(view_layer=depsgraph.view_layer) else look_of
-        if not (obj.visible_camera and owner.visible_camera):
+        is_indirect = engine == "CYCLES" and owner.indirect_only_get(
+            view_layer=depsgraph.view_layer
+        )
+        if is_indirect or not (obj.visible_camera and owner.visible_camera):
             if engine == "BLENDER_WORKBENCH" or not (
                 obj.visible_glossy and is_mirrored(owner, mirrors)
             ):

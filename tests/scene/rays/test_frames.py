@@ -1126,6 +1126,21 @@ def test_a_softbox_that_cameras_do_not_see_is_mirrored(tmp_path):
     _against_cycles(scene, tmp_path, 25.0)
 
 
+def test_a_collection_that_is_indirect_only_is_hidden_from_cameras_alone():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    collection = bpy.data.collections.new("Indirect")
+    bpy.context.scene.collection.children.link(collection)
+    for _ in range(2):
+        bpy.ops.mesh.primitive_cube_add()
+    bpy.data.objects["Cube"].visible_camera = False
+    collection.objects.link(bpy.data.objects["Cube.001"])
+    bpy.context.collection.objects.unlink(bpy.data.objects["Cube.001"])
+    bpy.context.view_layer.layer_collection.children["Indirect"].indirect_only = True
+    things = read_things(scenes.depsgraph(), frozenset(), frozenset(), "CYCLES", {})
+    assert things.looks[0] == things.looks[1]
+    assert things.looks[0].is_hidden
+
+
 def test_a_world_that_the_view_layer_leaves_out_is_not_in_the_glass(tmp_path):
     scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
     scene = _scene()
