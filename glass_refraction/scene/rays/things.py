@@ -13,7 +13,7 @@ from ..names import own
 from ..read.arrays import mesh_triangles, positions, uv_map
 from ..read.cutouts import Masks, cutout_of, faces_of, is_invisible
 from ..read.light_linking import is_mirrored
-from ..read.strands import balls, strands
+from ..read.strands import MOST_TRIANGLES, balls, fur, strands
 from .columns import Columns
 from .lamps import lamp_shape
 from .looks import Look, LookOf, card_look, hole_look, look_of, marked_look, softbox_look
@@ -58,11 +58,9 @@ class Met(Columns):
 
 
 UNMET = frozenset(("VOLUME", "GREASEPENCIL"))
-"""Types of what is drawn without faces and not met; hair of particles is not, either."""
-Drawn = bpy.types.Mesh | bpy.types.Curves | bpy.types.PointCloud
+"""Types of what is drawn without faces and not met."""
+Drawn = bpy.types.Mesh | bpy.types.Curves | bpy.types.PointCloud | bpy.types.ParticleSystem
 """What is met."""
-MOST_ROUND = 2_000_000
-"""Triangles that stand for a scene's strands and points: more are not met."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +131,7 @@ def read_things(
     masks : what was read of images in this render.
     """
     culls = depsgraph.scene_eval.display.shading.show_backface_culling
-    builder = _Builder(engine, masks, int(culls and engine == "BLENDER_WORKBENCH"))
+    builder = _Builder(engine, depsgraph.mode, masks, int(culls and engine == "BLENDER_WORKBENCH"))
     # Other engines have no rays that a material could tell apart.
     told_apart = engine == "CYCLES" and depsgraph.view_layer.material_override is None
     for instance in depsgraph.object_instances:
@@ -142,8 +140,8 @@ def read_things(
         owner = instance.parent.original if instance.is_instance else original
         if own(original) or original.name in left_out or owner.name in left_out:
             continue
-        if not instance.show_self:
-            continue
+        drawn = [obj.data] if instance.show_self and isinstance(obj.data, Drawn) else []
+        drawn += _furs(obj) if instance.show_particles else []
         if obj.type == "LIGHT":
             if engine != "BLENDER_WORKBENCH" and is_mirrored(obj, mirrors):
                 builder.add_lamp(obj, np.array(instance.matrix_world, float), engine)
@@ -167,22 +165,23 @@ def read_things(
         if owner.type == "META":
             # Captures have the user's scene as their set, and Blender leaves a set's metaballs out.
             look = marked_look(look, is_uncaptured=True)
-        if obj.type in UNMET or _has_hair(obj):
+        if obj.type in UNMET and instance.show_self:
             builder.unmet[owner.name] = None
-        if isinstance(obj.data, Drawn):
-            builder.add_mesh(obj, owner, obj.data, np.array(instance.matrix_world, float), look)
+        for part in drawn:
+            builder.add_drawn(obj, owner, part, np.array(instance.matrix_world, float), look)
     return builder.things()
 
 
-def _has_hair(obj: bpy.types.Object) -> bool:
-    """Whether particles of an object are drawn as strands."""
-    kinds = (system.settings for system in obj.particle_systems)
-    return any(kind.type == "HAIR" and kind.render_type == "PATH" for kind in kinds)
+def _furs(obj: bpy.types.Object) -> list[bpy.types.ParticleSystem]:
+    """Particles of an object that are drawn as strands."""
+    shown = (m for m in obj.modifiers if m.type == "PARTICLE_SYSTEM" and m.show_render)
+    kinds = ((m.particle_system, m.particle_system.settings) for m in shown)
+    return [one for one, kind in kinds if (kind.type, kind.render_type) == ("HAIR", "PATH")]
 
 
 class _Builder:
-    def __init__(self, engine: str, masks: Masks, faces: int) -> None:
-        self._engine, self._masks, self._faces = engine, masks, faces
+    def __init__(self, engine: str, mode: str, masks: Masks, faces: int) -> None:
+        self._engine, self._mode, self._masks, self._faces = engine, mode, masks, faces
         self.unmet: dict[str, None] = {}
         self.points: list[np.ndarray] = [np.empty((0, 3))]
         self.triangles: list[np.ndarray] = [np.empty((0, 3), np.int32)]
@@ -196,36 +195,41 @@ class _Builder:
         self._numbers: dict[tuple, int] = {}
         self._count = self._round = 0
 
-    def add_mesh(
+    def add_drawn(
         self,
         obj: bpy.types.Object,
         owner: bpy.types.Object,
-        mesh: Drawn,
+        drawn: Drawn,
         to_world: np.ndarray,
         look: LookOf,
     ) -> None:
-        """The triangles of one evaluated mesh that have a look; instances share what was read."""
-        key = mesh.as_pointer()
+        """The triangles of what is drawn that have a look; instances share what was read."""
+        key = drawn.as_pointer()
         if key not in self._meshes:
-            self._meshes[key] = _read(mesh)
-        local, corners, slots, loops = self._meshes[key]
+            is_fur = isinstance(drawn, bpy.types.ParticleSystem)
+            self._meshes[key] = _checked(fur(obj, drawn, self._mode) if is_fur else _read(drawn))
+        found = self._meshes[key]
+        if found is None:
+            self.unmet[owner.name] = None
+            return
+        local, corners, slots, loops = found
         if not len(corners):
             return
         if np.linalg.det(to_world[:3, :3]) < 0.0:
             # A mirrored mesh looks outwards as it did.
             corners, loops = corners[:, ::-1], loops[:, ::-1]
-        if not isinstance(mesh, bpy.types.Mesh):
+        if not isinstance(drawn, bpy.types.Mesh):
             self._round += len(corners)
-            if self._round > MOST_ROUND:
+            if self._round > MOST_TRIANGLES:
                 self.unmet[owner.name] = None
                 return
-        surface = self._look_numbers(obj, owner, mesh, int(slots.max()), look)[slots]
+        surface = self._look_numbers(obj, owner, type(drawn), int(slots.max()), look)[slots]
         if (surface < 0).any():
             met = surface >= 0
             corners, loops, surface = corners[met], loops[met], surface[met]
         if len(corners):
             points = rotated(to_world[:3, :3], local.T).T + to_world[:3, 3]
-            self._add(points, corners, surface, self._uv_rows(mesh, loops, surface))
+            self._add(points, corners, surface, self._uv_rows(obj.data, loops, surface))
 
     def _uv_rows(self, mesh: bpy.types.Mesh, loops, surface) -> np.ndarray:
         """Of triangles, by their face corners, the rows in ``uv``; −1 where nothing is cut out."""
@@ -252,17 +256,18 @@ class _Builder:
         surface, rows = np.full((2, len(corners)), ((number,), (-1,)), np.int32)
         self._add(points, corners, surface, rows)
 
-    def _look_numbers(self, obj, owner, mesh, highest: int, look_of) -> np.ndarray:
+    def _look_numbers(self, obj, owner, kind: type, highest: int, look_of) -> np.ndarray:
         """The number of the look of each material slot up to the highest in use; −1: of none."""
         numbers = []
         for slot in range(highest + 1):
             if slot < len(obj.material_slots):
                 material = obj.material_slots[slot].material
             else:
-                material = mesh.materials[slot] if slot < len(mesh.materials) else None
-            key = (type(mesh), owner.name, obj.original.name, material.name if material else "")
+                materials = obj.data.materials
+                material = materials[slot] if slot < len(materials) else None
+            key = (kind, owner.name, obj.original.name, material.name if material else "")
             if key not in self._numbers:
-                look = self._cut(look_of(material), material, isinstance(mesh, bpy.types.Mesh))
+                look = self._cut(look_of(material), material, kind is bpy.types.Mesh)
                 self._numbers[key] = -1 if look is None else len(self.looks)
                 if look is not None:
                     self.looks.append(look)
@@ -303,21 +308,25 @@ class _Builder:
         )
 
 
-def _read(mesh: Drawn) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points (V, 3) and triangles (T, 3) of a mesh, their slots (T,) and face corners (T, 3).
+def _read(mesh: Drawn) -> tuple[np.ndarray, ...]:
+    """Points (V, 3) and triangles (T, 3) of a mesh, slots (T,) and, if it has any, face corners."""
+    if isinstance(mesh, bpy.types.Curves):
+        return strands(mesh)
+    if isinstance(mesh, bpy.types.PointCloud):
+        return balls(mesh)
+    corners = mesh_triangles(mesh)
+    slots = np.zeros(len(corners), np.int32)
+    if "material_index" in mesh.attributes:
+        slots = mesh_triangles(mesh, "material_index")
+    return positions(mesh).astype(float), corners, slots, mesh_triangles(mesh, "loops")
 
-    Of strands and points, which have no face corners, the points' numbers in their place.
-    """
-    if isinstance(mesh, bpy.types.Mesh):
-        corners, loops = mesh_triangles(mesh), mesh_triangles(mesh, "loops")
-        slots = np.zeros(len(corners), np.int32)
-        if "material_index" in mesh.attributes:
-            slots = mesh_triangles(mesh, "material_index")
-        local = positions(mesh).astype(float)
-    else:
-        read = strands if isinstance(mesh, bpy.types.Curves) else balls
-        local, corners, slots = read(mesh)
-        loops = corners
+
+def _checked(shape: tuple[np.ndarray, ...] | None) -> tuple[np.ndarray, ...] | None:
+    """The same without triangles that lie nowhere; what has no face corners gets its points'."""
+    if shape is None:
+        return None
+    local, corners, slots = shape[:3]
+    loops = shape[-1] if len(shape) > 3 else corners
     finite = np.isfinite(local).all(axis=1)
     if not finite.all():
         keep = finite[corners].all(axis=1)

@@ -283,8 +283,8 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     problems += _lit_from_elsewhere(scene, result)
     problems += _thickened(scene, read)
     problems += [
-        f'Rays do not meet "{owner}": no volume, Grease Pencil or hair of particles is refracted, '
-        "and of curves' hair and point clouds two million triangles at most"
+        f'Rays do not meet "{owner}": no volume or Grease Pencil is refracted, and no more hair '
+        "and points than two million triangles stand for"
         for owner in read.things.unmet
     ]
     looks = zip(read.things.owners, read.things.looks, strict=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hair curves and point clouds as triangles: engines draw them round, from a radius a point.
+"""Hair and point clouds as triangles: engines draw them round, from a radius a point.
 
 The shapes are coarse, and seen from all sides together as large as what is drawn.
 """
@@ -19,6 +19,12 @@ RADIUS = 0.01
 FINE_BALLS = 10_000
 """Points up to so many are balls of 80 triangles, more have 20 each."""
 
+MOST_TRIANGLES = 2_000_000
+"""Of a scene's hair and points: more are not met."""
+
+LEAST_POWER = 1e-3
+"""Keeps a quotient finite."""
+
 Shape = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Points (V, 3), triangles (T, 3), and their material slots (T,)."""
 
@@ -30,7 +36,39 @@ def strands(curves: bpy.types.Curves) -> Shape:
     slots = _values(curves, "material_index", np.zeros((len(curves.curves), 1), int))[:, 0]
     starts = np.empty(len(curves.curves) + 1, np.int32)
     curves.curve_offset_data.foreach_get("value", starts)
-    curve = np.repeat(np.arange(len(slots)), np.diff(starts))
+    return _prisms(place, radius, np.repeat(np.arange(len(slots)), np.diff(starts)), slots)
+
+
+def fur(obj: bpy.types.Object, system: bpy.types.ParticleSystem, mode: str) -> Shape | None:
+    """The hair of an evaluated object's particles, as a depsgraph's mode has it; None: too much."""
+    settings = system.settings
+    steps = 2 ** (settings.render_step if mode == "RENDER" else settings.display_step)
+    steps += settings.kink_extra_steps if settings.kink == "SPIRAL" else 0
+    parents, children = len(system.particles), len(system.child_particles)
+    # Children are drawn in place of their parents.
+    first = parents if children else 0
+    count = parents + children - first
+    if 2 * SIDES * count * steps > MOST_TRIANGLES:
+        return None
+    numbers = range(first, first + count)
+    place = [
+        system.co_hair(object=obj, particle_no=k, step=s) for k in numbers for s in range(steps + 1)
+    ]
+    place = np.array(place).reshape(-1, 3)
+    to_local = np.array(obj.matrix_world.inverted_safe())
+    place = place @ to_local[:3, :3].T + to_local[:3, 3]
+    shape, left = settings.shape, np.linspace(1.0, 0.0, steps + 1)
+    left = left ** (1.0 + shape if shape < 0.0 else 1.0 / max(1.0 - shape, LEAST_POWER))
+    root, tip = (
+        0.5 * settings.radius_scale * r for r in (settings.root_radius, settings.tip_radius)
+    )
+    radius = np.tile(tip + (root - tip) * left, count)[:, None]
+    curve = np.repeat(np.arange(count), steps + 1)
+    return _prisms(place, radius, curve, np.full(count, settings.material - 1))
+
+
+def _prisms(place: np.ndarray, radius: np.ndarray, curve: np.ndarray, slots: np.ndarray) -> Shape:
+    """Those of curves: points (N, 3), radii (N, 1) and the curve (N,) of each, and their slots."""
     begin = np.flatnonzero(curve[1:] == curve[:-1])
     if not len(begin):
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int32)

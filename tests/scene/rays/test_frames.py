@@ -1234,18 +1234,13 @@ def test_what_depends_on_the_cameras_distance_is_looked_up_in_the_picture(tmp_pa
     assert _problems(scene) == []
 
 
-def _hair(obj):
-    obj.modifiers.new("Hair", "PARTICLE_SYSTEM")
-    obj.particle_systems[0].settings.type = "HAIR"
-
-
 def _pencil(obj):
     bpy.ops.object.grease_pencil_add(type="STROKE", location=(0.0, 0.1, 0.05))
     bpy.context.object.name = "Strokes"
     bpy.data.objects.remove(obj)
 
 
-@pytest.mark.parametrize(("change", "name"), [(_hair, "Thing"), (_pencil, "Strokes"), (None, "")])
+@pytest.mark.parametrize(("change", "name"), [(_pencil, "Strokes"), (None, "")])
 def test_what_rays_do_not_meet_is_told_of(tmp_path, change, name):
     scenes.camera()
     scene = _scene(samples=1)

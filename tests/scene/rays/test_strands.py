@@ -9,6 +9,18 @@ import scenes
 from glass_refraction.scene.rays.things import read_things
 
 
+def _fur(radius):
+    bpy.ops.mesh.primitive_plane_add(location=(3.0, 2.0, 1.0))
+    obj = bpy.context.object
+    obj.modifiers.new("Fur", "PARTICLE_SYSTEM")
+    obj.show_instancer_for_viewport = False
+    settings = obj.particle_systems[0].settings
+    settings.type, settings.count, settings.hair_length = "HAIR", 5, 0.5
+    settings.root_radius = settings.tip_radius = 2.0
+    settings.radius_scale = radius
+    return obj, 5 * 0.5 * 2.0 * np.pi * radius
+
+
 def _points(radius):
     obj = bpy.data.objects.new("Points", bpy.data.meshes.new("Points"))
     obj.data.vertices.add(3)
@@ -34,11 +46,13 @@ def _curves(radius):
     return bpy.data.objects.new("Hair", curves), (2.0 + 4.0 * 2.0**0.5) * 2.0 * np.pi * radius
 
 
-@pytest.mark.parametrize("kind", [_points, _curves])
+@pytest.mark.parametrize("kind", [_points, _curves, _fur], ids=lambda f: f.__name__[1:])
 def test_what_is_round_is_as_large_as_it_looks_from_all_sides(kind):
     # Of convex bodies of one surface the mean outline is the same (Cauchy).
+    bpy.ops.wm.read_factory_settings(use_empty=True)
     obj, surface = kind(0.02)
-    bpy.context.collection.objects.link(obj)
+    if not obj.users_collection:
+        bpy.context.collection.objects.link(obj)
     things = read_things(scenes.depsgraph(), frozenset(), frozenset(), "CYCLES", {})
     a, b, c = (things.points[things.triangles[:, k]] for k in range(3))
     found = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
