@@ -10,11 +10,20 @@ import bpy
 import numpy as np
 
 from ..read.cutouts import Cutout
-from ..read.node_ends import OF_CAMERAS, TOLD_APART, asks_for, leading_node
+from ..read.node_ends import OF_CAMERAS, TOLD_APART, asks_for, leading_node, trees
 from .beams import Beam
 
 GLOSSY = 0.7
 """Roughness below which what a surface shows depends on where it is seen from."""
+DIRECTED = {
+    "BSDF_GLOSSY",
+    "BSDF_METALLIC",
+    "BSDF_GLASS",
+    "BSDF_REFRACTION",
+    "FRESNEL",
+    "LAYER_WEIGHT",
+}
+"""Nodes by which it does, whatever their roughness."""
 MIRROR = 0.3
 """Roughness below which images are seen in a surface."""
 DIELECTRIC = 0.04
@@ -89,12 +98,23 @@ def look_of(material: bpy.types.Material | None) -> Look:
     """The look of a material."""
     if material is None:
         return Look()
-    tree = material.node_tree
+    tree, look = material.node_tree, _shader_look(material)
     return replace(
-        _shader_look(material),
+        look,
+        is_glossy=look.is_glossy or _is_glossy(tree),
         is_uncaptured=_asks_for_camera(tree),
         is_of_cameras=asks_for(tree, "LIGHT_PATH", TOLD_APART),
         is_of_paths=asks_for(tree, "LIGHT_PATH", TOLD_APART - OF_CAMERAS),
+    )
+
+
+def _is_glossy(tree: bpy.types.NodeTree | None) -> bool:
+    """Whether anything in a material's tree or its groups depends on where it is seen from."""
+    nodes = (node for one in trees(tree) for node in one.nodes if not node.mute)
+    return (
+        any(node.type in DIRECTED for node in nodes)
+        or asks_for(tree, "NEW_GEOMETRY", {"Incoming"})
+        or asks_for(tree, "TEX_COORD", {"Reflection"})
     )
 
 

@@ -11,6 +11,7 @@ from glass_refraction.reference.cycles import render_reference, scene_depsgraph
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
 from glass_refraction.scene.rays import true
+from glass_refraction.scene.rays.looks import look_of
 from glass_refraction.scene.rays.things import read_things
 from glass_refraction.scene.read.glasses import glass_modifier, glass_objects
 from glass_refraction.scene.read.modifier_inputs import write_input
@@ -1124,6 +1125,19 @@ def test_a_softbox_that_cameras_do_not_see_is_mirrored(tmp_path):
     others.objects.link(bpy.data.objects["Wall"])
     np.testing.assert_array_equal(scenes.picture(scene, tmp_path, "linked"), without)
     _against_cycles(scene, tmp_path, 25.0)
+
+
+@pytest.mark.parametrize("kind", ["LayerWeight", "Fresnel", "BsdfGlossy", "BsdfGlass"])
+def test_what_depends_on_the_direction_is_asked_for_in_groups_too(kind):
+    material, group = bpy.data.materials.new("Rim"), bpy.data.node_groups.new("G", "ShaderNodeTree")
+    material.node_tree.nodes.clear()
+    material.node_tree.nodes.new("ShaderNodeGroup").node_tree = group
+    group.nodes.new("ShaderNodeBsdfDiffuse")
+    assert not look_of(material).is_glossy
+    node = group.nodes.new(f"ShaderNode{kind}")
+    assert look_of(material).is_glossy
+    node.mute = True
+    assert not look_of(material).is_glossy
 
 
 def test_a_collection_that_is_indirect_only_is_hidden_from_cameras_alone():
