@@ -48,7 +48,7 @@ from .hits import (
     show,
 )
 from .meshes import GlassMeshes
-from .mirrors import mirrors_of
+from .mirrors import mirrors_of, veils_of
 from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .sky import Sky
@@ -140,7 +140,7 @@ class FrameResult:
     weights : (K,) without tints, of the same samples.
     spread, known, known_alpha : see :mod:`sum_tree`.
     light : of each view, what white matte surfaces show more; none without `FrameInput.light`.
-    mirrors : see :func:`mirrors.mirrors_of`.
+    mirrors, veils : see :func:`mirrors.mirrors_of` and :func:`mirrors.veils_of`.
     reports : of each view. unseen : part of the hits' light that no view shows.
     rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     """
@@ -161,6 +161,7 @@ class FrameResult:
     covered: int
     light: tuple[np.ndarray, ...] = ()
     mirrors: dict[str, float] = field(default_factory=dict)
+    veils: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,9 +212,10 @@ def compute(
     tell("adding up the light")
     result = _summed(frame, scene, views, rays)
     boxes = [_corners(body) for body in bodies]
-    if bodies and frame.mirrors:
+    if bodies and frame.engine != "BLENDER_WORKBENCH":
         sides = np.array([(box.min(axis=0), box.max(axis=0)) for box in boxes])
-        result = replace(result, mirrors=mirrors_of(scene, direct, sides))
+        mirrors = mirrors_of(scene, direct, sides) if frame.mirrors else {}
+        result = replace(result, mirrors=mirrors, veils=veils_of(scene, direct, sides))
     if frame.light is None:
         return result
     sigma = filter_sigma(frame.engine, frame.filter_size)

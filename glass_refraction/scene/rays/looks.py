@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import bpy
@@ -48,6 +48,7 @@ class Look:
     is_of_cameras : light that comes through glass meets it otherwise, by *Light Path*: views
         show it so behind a pane.
     is_of_paths : and otherwise than behind a pane.
+    is_clear : other things are seen through it.
     is_mirror : other things are seen in it.
     reflectance : part of the light that it mirrors where it is seen squarely.
     faces : 1: it is there on the side of its normals only; −1: on the other; 0: on both.
@@ -68,6 +69,7 @@ class Look:
     is_uncaptured: bool = False
     is_of_cameras: bool = False
     is_of_paths: bool = False
+    is_clear: bool = False
     is_mirror: bool = False
     reflectance: float = DIELECTRIC
     factors: tuple[float, float] = (1.0, 1.0)
@@ -102,6 +104,7 @@ def look_of(material: bpy.types.Material | None) -> Look:
     return replace(
         look,
         is_glossy=look.is_glossy or _is_glossy(tree),
+        is_clear=any(_is_clear(node) for node in _nodes(tree)),
         is_uncaptured=_asks_for_camera(tree),
         is_of_cameras=asks_for(tree, "LIGHT_PATH", TOLD_APART),
         is_of_paths=asks_for(tree, "LIGHT_PATH", TOLD_APART - OF_CAMERAS),
@@ -110,12 +113,24 @@ def look_of(material: bpy.types.Material | None) -> Look:
 
 def _is_glossy(tree: bpy.types.NodeTree | None) -> bool:
     """Whether anything in a material's tree or its groups depends on where it is seen from."""
-    nodes = (node for one in trees(tree) for node in one.nodes if not node.mute)
     return (
-        any(node.type in DIRECTED for node in nodes)
+        any(node.type in DIRECTED for node in _nodes(tree))
         or asks_for(tree, "NEW_GEOMETRY", {"Incoming"})
         or asks_for(tree, "TEX_COORD", {"Reflection"})
     )
+
+
+def _is_clear(node: bpy.types.Node) -> bool:
+    """Whether a shader surely lets light through: what is linked may be anything."""
+    if node.type != "BSDF_PRINCIPLED":
+        return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
+    inputs = ((node.inputs["Transmission Weight"], 0.0), (node.inputs["Alpha"], 1.0))
+    return any(not value.is_linked and value.default_value != solid for value, solid in inputs)
+
+
+def _nodes(tree: bpy.types.NodeTree | None) -> Iterator[bpy.types.Node]:
+    """The nodes of a tree and its groups that are not muted."""
+    return (node for one in trees(tree) for node in one.nodes if not node.mute)
 
 
 def _asks_for_camera(tree: bpy.types.NodeTree | None) -> bool:

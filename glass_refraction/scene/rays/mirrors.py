@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What of the picture mirrors a glass: engines render it without one."""
+"""What of the picture mirrors a glass or hides one that it lets through: engines render none."""
 
 from __future__ import annotations
 
@@ -24,10 +24,7 @@ def mirrors_of(scene: Scene, view: RadianceView, boxes: np.ndarray) -> dict[str,
     looks, things = scene.things.looks, scene.things
     if not any(look.is_mirror for look in looks):
         return {}
-    low, high = np.array(view.region[:2]), np.array(view.region[2:])
-    step = (high - low).max() / LOOKED
-    x, y = (np.arange(a + 0.5 * step, b, step) for a, b in zip(low, high, strict=True))
-    origins, directions = view.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    origins, directions = _looked(view)
     total = len(origins)
     distance, triangle = scene.eyes.cast(origins, directions)
     mirrors = np.array([look.is_mirror for look in looks])[things.surfaces(triangle)]
@@ -49,3 +46,34 @@ def mirrors_of(scene: Scene, view: RadianceView, boxes: np.ndarray) -> dict[str,
         owner = things.owners[number]
         found[owner] = found.get(owner, 0.0) + float(part[surface == number].sum()) / total
     return found
+
+
+def veils_of(scene: Scene, view: RadianceView, boxes: np.ndarray) -> dict[str, float]:
+    """Part of the picture in which glasses are behind what is seen through, by the owner of that.
+
+    Arguments as of `mirrors_of`. What a material cuts out is no veil: rays pass its holes.
+    """
+    looks, things = scene.things.looks, scene.things
+    clear = [look.is_clear and look.cutout is None and not look.faces for look in looks]
+    if not any(clear):
+        return {}
+    origins, directions = _looked(view)
+    distance, triangle = scene.eyes.cast(origins, directions)
+    surface = things.surfaces(triangle)
+    some = np.flatnonzero((triangle >= 0) & np.array(clear)[surface])
+    begin, along, reach = origins[some].T.copy(), directions[some].T.copy(), distance[some]
+    before = meets_boxes(boxes, 0.0, begin, along, reach)
+    behind = meets_boxes(boxes, 0.0, begin + along * reach, along, np.full(len(some), np.inf))
+    veils = surface[some[behind & ~before]]
+    return {
+        things.owners[number]: float((veils == number).sum()) / len(origins)
+        for number in np.unique(veils)
+    }
+
+
+def _looked(view: RadianceView) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and directions (K, 3) of rays that are spread evenly over the picture."""
+    low, high = np.array(view.region[:2]), np.array(view.region[2:])
+    step = (high - low).max() / LOOKED
+    x, y = (np.arange(a + 0.5 * step, b, step) for a, b in zip(low, high, strict=True))
+    return view.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))

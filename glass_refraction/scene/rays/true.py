@@ -82,6 +82,8 @@ TOLD_LIGHT = 0.01
 """Part of the light in the glasses that is told of if it is lit otherwise than the picture."""
 TOLD_MIRRORED = 0.003
 """Part of the picture's light that is told of if it should be a glass's mirror image."""
+TOLD_VEILED = 0.003
+"""Part of the picture that is told of if a glass is hidden there by what is seen through."""
 _STRUCTURE = "refractive_glass_structure"
 _COLOURS = "use_pass_diffuse_color"
 _LENT = "refractive_glass_lent"
@@ -297,6 +299,12 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
         for owner, share in result.mirrors.items()
         if share > TOLD_MIRRORED
+    ]
+    problems += [
+        f'"{owner}" is before a glass and is seen through, but without that glass behind it: '
+        "if it is glass, make it one"
+        for owner, share in result.veils.items()
+        if share > TOLD_VEILED
     ]
     status = Status(
         milliseconds=1e3 * (time.perf_counter() - started),

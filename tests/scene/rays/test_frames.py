@@ -1275,3 +1275,17 @@ def test_what_looks_otherwise_to_camera_rays_looks_in_the_glass_as_it_does_to_ot
     _asking("ShaderNodeLightPath", "Is Transmission Ray")
     scenes.glass(shape="CYLINDER")
     _against_cycles(scene, tmp_path, 24.0, samples=16)
+
+
+@pytest.mark.parametrize(("depth", "told"), [(-0.2, True), (0.2, False)])
+def test_what_is_seen_through_before_a_glass_is_told_of(tmp_path, depth, told):
+    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    bpy.ops.mesh.primitive_plane_add(size=0.1, location=(0, depth, 0.06), rotation=(1.6, 0, 0))
+    material = bpy.data.materials.new("Window")
+    node = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    node.inputs["Transmission Weight"].default_value = 1.0
+    bpy.context.object.data.materials.append(material)
+    scenes.glass(shape="CYLINDER")
+    scenes.picture(scene, tmp_path)
+    assert any('"Plane" is before a glass' in line for line in _problems(scene)) == told
