@@ -23,9 +23,13 @@ def test_bad_input_ends_with_status_2_and_one_line(installed):
     assert "missing.blend: no such file" in line
 
 
-@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
-def test_tilted_pane_shifts_what_is_behind_it(installed, engine):
-    found = installed.script("tilted_pane", engine)
+@pytest.fixture(scope="module", params=["CYCLES", "BLENDER_EEVEE"])
+def tilted_pane(installed, request):
+    return installed.script("tilted_pane", request.param)
+
+
+def test_tilted_pane_shifts_what_is_behind_it(tilted_pane):
+    found = tilted_pane
     direct, glass = (np.load(found["folder"] / f"{name}.npy") for name in ("direct", "glass"))
     height, width, _ = direct.shape
     x = (np.arange(width) + 0.5) / width - 0.5  # in widths of the picture
@@ -43,8 +47,8 @@ def test_tilted_pane_shifts_what_is_behind_it(installed, engine):
     assert np.abs(glass - direct)[rows, inside, 1:].max() < 0.1 * pixel
 
 
-def test_removing_the_glass_removes_what_was_made_for_it(installed):
-    found = installed.script("tilted_pane", "CYCLES")
+def test_removing_the_glass_removes_what_was_made_for_it(tilted_pane):
+    found = tilted_pane
     assert found["added"] == ["FINISHED"]
     direct, again = (np.load(found["folder"] / f"{name}.npy") for name in ("direct", "again"))
     assert np.array_equal(direct, again)

@@ -68,6 +68,18 @@ def settings(width=80, height=60, samples=4, **glass):
     return scene
 
 
+def coarse_eevee(scene):
+    """Let EEVEE be cheap by software, where the world's light probe and shadows cost most.
+
+    Each of the two takes it seconds of each render, however small. The world is black.
+    """
+    scene.eevee.use_shadows = False
+    scene.world = bpy.data.worlds.new("Black")
+    scene.world.probe_resolution = "128"
+    shader = next(n for n in scene.world.node_tree.nodes if n.type == "BACKGROUND")
+    shader.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+
+
 def glass(**values):
     """Add a glass by its operator."""
     assert bpy.ops.object.refractive_glass_add(**values) == {"FINISHED"}

@@ -121,6 +121,8 @@ def test_each_frame_of_a_moving_mesh_is_as_alone(tmp_path, kind, engine):
     scenes.striped_wall()
     scene = scenes.settings(60, 45, samples=2, shading="TRUE", surface="GLASS")
     scene.render.engine, scene.eevee.taa_render_samples = engine, 2
+    if engine == "BLENDER_EEVEE":
+        scenes.coarse_eevee(scene)
     obj = _ball(segments=16)
     if kind == "armature":
         _bend(scene, obj)

@@ -24,6 +24,8 @@ def _scene(width=64, height=48, engine="CYCLES", samples=4, **glass):
     scene = scenes.settings(width, height, samples=samples, shading="TRUE", **glass)
     scene.render.engine = engine
     scene.eevee.taa_render_samples = samples
+    if engine == "BLENDER_EEVEE":
+        scenes.coarse_eevee(scene)
     scene.display.shading.light, scene.display.shading.color_type = "FLAT", "MATERIAL"
     scene.display.shading.show_object_outline = False
     return scene
@@ -38,6 +40,7 @@ def _wall(distance=0.2, **given):
 
 def _world(colour, strength=1.0):
     world = bpy.data.worlds.new("World")
+    world.probe_resolution = "128"
     node = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
     node.inputs["Color"].default_value = (*colour, 1.0)
     node.inputs["Strength"].default_value = strength
@@ -290,11 +293,13 @@ def test_two_glasses_behind_one_another_are_as_in_cycles(tmp_path):
     _world((0.3, 0.3, 0.3))
     scenes.glass(shape="CYLINDER", radius=0.03).location = (-0.015, 0.0, 0.0)
     scenes.glass(shape="SPHERE", radius=0.04, wall_thickness=0.0).location = (0.02, 0.1, 0.06)
-    _against_cycles(scene, tmp_path, 27.0)
+    _against_cycles(scene, tmp_path, 27.0, samples=64)
 
 
 def _colourful_world():
     world = _world((1, 1, 1))
+    # Cycles makes a map of where it is bright, anew in each of a frame's scenes.
+    world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 64
     tree = world.node_tree
     place, turn, background = (
         tree.nodes.new("ShaderNodeTexCoord"),
@@ -455,7 +460,7 @@ def test_an_orthographic_camera(tmp_path):
     scene = _scene(samples=32)
     _world((0.2, 0.3, 0.4))
     scenes.glass(shape="CYLINDER")
-    _against_cycles(scene, tmp_path, 27.0)
+    _against_cycles(scene, tmp_path, 27.0, samples=64)
 
 
 # ----------------------------------------------------------------------------- where the camera is
@@ -467,7 +472,7 @@ def test_an_eye_in_the_cavity(tmp_path):
     scene = _scene(samples=32)
     _world((0.3, 0.3, 0.3))
     scenes.glass(shape="CYLINDER")
-    _against_cycles(scene, tmp_path, 27.0)
+    _against_cycles(scene, tmp_path, 27.0, samples=64)
 
 
 def test_an_eye_in_the_glass_itself(tmp_path):
@@ -503,7 +508,7 @@ def test_what_lies_before_the_cameras_clip_start_is_not_there(tmp_path, shape, k
         glass = scenes.glass(shape=shape, radius=0.03, wall_thickness=0.004 * (shape != "SPHERE"))
         glass.location.z = 0.03 * (shape == "SPHERE")
     bpy.ops.mesh.primitive_plane_add(size=0.2, location=(0, -0.3, 0.03), rotation=(1.5, 0, 0))
-    _against_cycles(scene, tmp_path, 27.0)
+    _against_cycles(scene, tmp_path, 27.0, samples=64)
 
 
 # ---------------------------------------------------------------------------- kinds of things seen
