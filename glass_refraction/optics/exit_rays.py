@@ -170,7 +170,7 @@ class _Live:
 
 
 @dataclass
-class _Met:
+class _NextFace:
     """The next interface of every ray: way to it (inf: none), glass, interface, unit normal (3, L).
 
     `flat`: normals of a mesh's faces, where there are meshes, else (0, L); `normal` then is the
@@ -186,8 +186,8 @@ class _Met:
     after: NDArray[np.int8]
     leaked: NDArray[np.bool_]
 
-    def take(self, which) -> _Met:
-        return _Met(*(columns(part, which) for part in vars(self).values()))
+    def take(self, which) -> _NextFace:
+        return _NextFace(*(columns(part, which) for part in vars(self).values()))
 
 
 @dataclass
@@ -301,7 +301,7 @@ class _Followed:
             return live
         return self.split(live, met, near, lift, lost, stuck)
 
-    def _note(self, live: _Live, met: _Met) -> None:
+    def _note(self, live: _Live, met: _NextFace) -> None:
         """Note the stretches of rays up to their next interface."""
         # A ray that is lost by rounding sees what may come to be there, however far.
         some = np.flatnonzero(np.isfinite(met.way) | met.leaked)
@@ -318,10 +318,10 @@ class _Followed:
         largest = np.minimum(np.abs(place).max(axis=0), self.farthest)
         return TOUCHING * np.maximum(largest, way) + self.grain
 
-    def meet(self, live: _Live) -> _Met:
+    def meet(self, live: _Live) -> _NextFace:
         """The next interface of every ray, of all glasses."""
         count = len(live)
-        met = _Met(
+        met = _NextFace(
             way=np.full(count, np.inf),
             glass=np.full(count, -1, dtype=np.int16),
             interface=np.zeros(count, dtype=np.int32),
@@ -420,7 +420,7 @@ class _Followed:
         free[some] = way + dot(aside, along)
         return np.maximum(free, 0.0)
 
-    def split(self, live: _Live, met: _Met, near, lift, lost: Floats, stuck: Floats) -> _Live:
+    def split(self, live: _Live, met: _NextFace, near, lift, lost: Floats, stuck: Floats) -> _Live:
         """The rays behind the interfaces that they met.
 
         `near`: how near interfaces count as touching, `lift`: how far off the interface rays look
@@ -484,7 +484,7 @@ class _Followed:
         gone = rows[share[group, facet] == 0.0]
         return live.take(np.delete(np.arange(len(live)), gone))
 
-    def _split(self, live: _Live, met: _Met, near, lift) -> tuple:
+    def _split(self, live: _Live, met: _NextFace, near, lift) -> tuple:
         """Rays that see what touches, that end black, that went through and that were reflected;
         and (ray, weight, whether it is stuck) of what is dropped of either of the last."""
         live.place += met.way * live.direction
@@ -580,7 +580,7 @@ class _Followed:
         least[straight] = 0.0
         return least
 
-    def _crossing(self, live: _Live, met: _Met) -> _Crossing:
+    def _crossing(self, live: _Live, met: _NextFace) -> _Crossing:
         """What rays at their interfaces cross."""
         direction = live.direction
         glass, medium = self.media.holding(live.medium, live.entered)
@@ -598,7 +598,7 @@ class _Followed:
         normal = bent(met.normal * side, flat, direction)
         return _Crossing(straight, eta, entered, flat, normal)
 
-    def _roughened(self, live: _Live, met: _Met, crossing: _Crossing) -> tuple:
+    def _roughened(self, live: _Live, met: _NextFace, crossing: _Crossing) -> tuple:
         """The same with normals of facets where a glass is rough, and the rows they are of.
 
         At the first rough interface a ray becomes `FACETS` rays, one a facet. From there on each
@@ -723,7 +723,7 @@ class _Faces:
 
 
 def _meetings(
-    number: int, glass: PlacedGlass, live: _Live, block: slice, met: _Met
+    number: int, glass: PlacedGlass, live: _Live, block: slice, met: _NextFace
 ) -> list[_Meeting]:
     """The meetings of a block's rays with a glass, one for each medium of it that they are in."""
     place, direction, media = live.place[:, block], live.direction[:, block], live.medium[number]

@@ -113,8 +113,7 @@ def _look() -> float | None:
     """Timer: take out what stays once none of it is held and all areas were drawn since."""
     global _is_drawn
     windows = bpy.context.window_manager.windows
-    operators = set().union(*map(names, windows))
-    if _renders() or any(getattr(key, "__name__", None) in operators for key in _leaving):
+    if _renders() or any(map(_goes_on, _leaving)):
         _is_drawn = False
         return LOOK_SECONDS
     if not _is_drawn:
@@ -131,12 +130,13 @@ def _look() -> float | None:
 
 def _is_held(kind: type) -> bool:
     """Whether Blender may hold a class. Panels it may have laid out long ago."""
+    return _renders() or issubclass(kind, bpy.types.Panel) or _goes_on(kind)
+
+
+def _goes_on(key: Hashable) -> bool:
+    """Whether an operator of a class goes on in any window."""
     windows = bpy.context.window_manager.windows
-    return (
-        _renders()
-        or issubclass(kind, bpy.types.Panel)
-        or any(kind.__name__ in names(window) for window in windows)
-    )
+    return any(getattr(key, "__name__", None) in names(window) for window in windows)
 
 
 def _renders() -> bool:

@@ -52,8 +52,8 @@ class Mask:
         return Mask(clear, blake2b(np.packbits(clear).tobytes(), key=seed, digest_size=8).digest())
 
 
-Masks = dict[tuple, Mask]
-"""What was read of images, by what it was read for."""
+Masks = dict[tuple, Mask | None]
+"""What was read of images, by what it was read for; None: they cut out nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,9 +265,9 @@ def _mask(
         return None
     key = (image.original.session_uid, width, height, image.filepath, output, steps)
     if key not in masks:
-        masks[key] = Mask.of(_stepped(_values(image, output), steps) <= MOST_ALPHA)
-    mask = masks[key]
-    return mask if mask.clear.any() else None
+        clear = _stepped(_values(image, output), steps) <= MOST_ALPHA
+        masks[key] = Mask.of(clear) if clear.any() else None
+    return masks[key]
 
 
 def _values(image: bpy.types.Image, output: str) -> np.ndarray:
