@@ -116,3 +116,9 @@ def test_depths_are_freed_of_what_eevee_adds_to_them(found):
     freed, amended = found["amended"]
     assert amended > 0.015
     assert freed < 0.002
+
+
+def test_lamps_shine_as_their_triangles_do(found):
+    """Balls and discs of triangles are a little smaller. Lamps were missing in Material Preview."""
+    assert len(found["lamps"]) == 4
+    assert max(found["lamps"].values()) < 0.03
