@@ -253,12 +253,13 @@ def compare_tiles(paint):
 def compare_amended(paint):
     """Part of depths that are off once what EEVEE adds to them was taken off again, and before.
 
-    Of a disc before a tilted plane.
+    Of two discs before a tilted plane: values end at 1 beside the nearer one.
     """
     rows, columns = 96, 128
     y, x = np.mgrid[:rows, :columns] + 0.5
     values = 0.9 + 1e-4 * x - 2e-4 * y
-    values[np.hypot(x - 60.3, y - 47.8) < 31.0] = 0.7
+    values[np.hypot(x - 40.3, y - 47.8) < 31.0] = 0.7
+    values[np.hypot(x - 95.6, y - 40.2) < 21.0] = 0.82
     blocks = values.reshape(rows // 2, 2, columns // 2, 2)
     changes = np.abs(np.diff(blocks, axis=1)) + np.abs(np.diff(blocks, axis=3))
     amended = np.minimum(blocks + changes, 1.0).reshape(rows, columns)

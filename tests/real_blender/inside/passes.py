@@ -140,15 +140,19 @@ def exit_rays(
 def plain_values(paint, values: np.ndarray) -> np.ndarray:
     """Values (height, width) of a depth buffer without what EEVEE adds to them."""
     height, width = values.shape
-    direct = paint.Direct()
-    direct.raw = paint._texture(np.ascontiguousarray(values, np.float32), "R32F")
-    direct.wire_depth = paint._texture(
-        np.full((height, width), _constant(paint, "wires", "NOTHING"), np.float32), "R32F"
-    )
-    direct.line = (0.0, 1.0, 1.0, 0.0)
+    nothing = np.full((height, width), _constant(paint, "wires", "NOTHING"), np.float32)
+    inputs = {
+        "raw_tx": paint._texture(np.ascontiguousarray(values, np.float32), "R32F"),
+        "wire_tx": paint._texture(nothing, "R32F"),
+    }
     _, target = paint._target((width, height), "RGBA32F")
-    direct.size = (width, height)
-    direct._take_depths(target, amended=True)
+    glsl = import_module(".glsl", paint.__package__)
+    main = "void main() { frag = vec4(value_of(raw_tx, ivec2(gl_FragCoord.xy))); }"
+    shader = paint.compiled(**paint.DESCRIPTIONS["depth"] | {"fragment": glsl.AMENDED + main})
+    with paint.filling(target, (width, height), shader):
+        shader.uniform_int("amended", 1)
+        for name, texture in inputs.items():
+            shader.uniform_sampler(name, texture)
     with target.bind():
         read = target.read_color(0, 0, width, height, 4, 0, "FLOAT")
     return np.asarray(read).reshape(height, width, 4)[..., 0]
