@@ -6,7 +6,6 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..scene.names import own
 from ..scene.rays.beams import SpotBeam, SpreadBeam
 from ..scene.rays.lamps import LampBody, lamp_body, lamp_power
 from ..scene.read.light_linking import is_mirrored
@@ -26,9 +25,13 @@ class Lamps:
         self.limits = (0.0, 0.0)
 
     def read(
-        self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D, glasses: set[str]
+        self,
+        layer: bpy.types.ViewLayer,
+        space: bpy.types.SpaceView3D,
+        names: list[str],
+        glasses: set[str],
     ) -> None:
-        """Read those that shine in a view. ``glasses``: names, whose light linking counts."""
+        """Read those of some names that shine in a view, and that one of the glasses mirrors."""
         scene = layer.depsgraph.scene
         engine = _lit_by(scene, space.shading)
         self.bodies = []
@@ -37,9 +40,8 @@ class Lamps:
         self.limits = clamp_settings(scene, engine)
         found = [
             obj.evaluated_get(layer.depsgraph)
-            for obj in layer.objects
-            if obj.type == "LIGHT"
-            and not own(obj)
+            for obj in map(layer.objects.get, names)
+            if obj is not None
             and obj.visible_get(view_layer=layer, viewport=space)
             and is_mirrored(obj, glasses)
         ]

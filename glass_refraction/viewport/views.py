@@ -371,7 +371,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     seen = (told.seen, model.signature())
     if view.stamp[:2] != (seen, looks) and model.is_shown:
         captures.arrange(model.glasses, looks, model.boxes)
-        view.lamps.read(layer, space, {place.obj.name for place in model.lines})
+        view.lamps.read(layer, space, model.lamps, {place.obj.name for place in model.lines})
     if model.meshes.waits:
         view.final = False
         _ask_for_rest()
