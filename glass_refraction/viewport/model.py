@@ -138,8 +138,11 @@ class Model:
         self._things = {obj.session_uid: obj.name for obj in things}
         self._beside = {o.session_uid for o in layer.objects if o.type in NEVER_SEEN}
         self.lamps = [o.name for o in layer.objects if o.type == "LIGHT" and not own(o)]
+        # Profiles are curves without a surface.
+        lines = profiles(layer, space, places(layer, space))
+        lines = {place.obj.session_uid for place in lines}
         self._has_others = any(
-            o.session_uid not in self._things
+            o.session_uid not in self._things.keys() | lines
             and o.type not in NEVER_SEEN | {"EMPTY"}
             and o.display_type not in NEVER_SURFACES
             and not (o.type == "MESH" and glass_modifier(o) is not None)
