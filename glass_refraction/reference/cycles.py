@@ -304,7 +304,9 @@ def _set_up_cycles(
     cycles.use_sample_subset = False
     cycles.time_limit = 0.0
     cycles.use_layer_samples = "IGNORE"
-    cycles.sample_clamp_direct, cycles.sample_clamp_indirect = clamp_settings(scene)
+    cycles.sample_clamp_direct, cycles.sample_clamp_indirect = clamp_settings(
+        scene, scene.render.engine
+    )
     cycles.blur_glossy = 0.0
     cycles.caustics_reflective = cycles.caustics_refractive = True
     # Diffuse light must not gain bounces from the limit that is raised for the glass.

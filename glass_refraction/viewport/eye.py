@@ -11,7 +11,13 @@ from .description import Frame
 CAPTURES = 8
 """Captures that the shader's block has room for."""
 
-VIEW_ROWS = 12 + 4 * CAPTURES
+LAMPS = 16
+"""Lamps that it has room for: the strongest."""
+
+LAMP_ROWS = 5
+NO_LAMPS = np.zeros((0, 4))
+
+VIEW_ROWS = 12 + 4 * CAPTURES + LAMP_ROWS * LAMPS
 """Rows of four floats in the block of a view."""
 
 LEAST_AHEAD = 0.5
@@ -20,6 +26,9 @@ should the glasses be nearer or behind it."""
 
 DEPTH_OF_WIDTH = 50.0 / 36.0
 """Depth over width of what a camera shows: of its lens, 50 mm on 36 mm."""
+
+NO_LIMIT = 1e30
+"""More than any light."""
 
 MARGIN = 1.01
 """By how much the ball in which rays begin is larger than what the glasses fill."""
@@ -118,6 +127,8 @@ def pack_view(
     captures: list[tuple[np.ndarray, int, np.ndarray | None]],
     seconds: int,
     scene_reach: float,
+    lamps: np.ndarray = NO_LAMPS,
+    limits: tuple[float, float] = (0.0, 0.0),
 ) -> np.ndarray:
     """The shader's block of a view, float32; see ``View`` in :mod:`glsl`.
 
@@ -127,6 +138,7 @@ def pack_view(
         of it is drawn, and of its close picture (3, 3) rows as `capture.aimed` gives them, or None.
     seconds : how many numbers after a glass's capture its second one comes.
     scene_reach : metres from the frame's origin within which all things are.
+    lamps, limits : see `lamps.Lamps`.
     """
     to_world, unit = frame.to_world(), frame.unit
     block = np.zeros((VIEW_ROWS, 4))
@@ -151,9 +163,10 @@ def pack_view(
         block[6, :3] = place + ahead * matrix[:, 3]
         block[7, :3], block[8, :3] = ahead * matrix[:, 0], ahead * matrix[:, 1]
         block[9] = (*place, 1.0)
-    block[5, :2] = pixel_width(view, frame)
+    block[5] = *pixel_width(view, frame), *(limit or NO_LIMIT for limit in limits)
     block[10] = *view.size, near, far
-    block[11, :3] = MARGIN * frame.reach, seconds, longest
+    block[11] = MARGIN * frame.reach, seconds, longest, len(lamps) // LAMP_ROWS
+    block[12 + 4 * CAPTURES :][: len(lamps)] = lamps
     for number, (centre, side, close) in enumerate(captures[:CAPTURES]):
         block[12 + number] = *frame.place(centre), side
         if close is not None:

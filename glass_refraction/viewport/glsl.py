@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..scene.rays.lamps import BALL, DISC
 from .bending import COURSE_BASE, MOST_DIGITS
 from .description import (
     CHORD_ROWS,
@@ -34,7 +35,7 @@ from .description import (
     SIDE,
     THING_ROWS,
 )
-from .eye import CAPTURES
+from .eye import CAPTURES, LAMP_ROWS, LAMPS
 from .trees import LEAF, NODE_TEXELS, ROW_BITS, TRIANGLE_TEXELS
 
 SOURCES = Path(__file__).parent / "glsl_sources"
@@ -50,18 +51,23 @@ struct Glasses {{ vec4 rows[{ROWS}]; }};
 struct View {{
   mat4 to_clip;      /* common frame to the view's clip space */
   vec4 depth_row;    /* common place to depth along the view, in common units */
-  vec4 pixel;        /* (a, b): a pixel is a + b z wide at a depth of z */
+  /* (a, b): a pixel is a + b z wide at a depth of z; most light of lamps after one event, after
+   * more. */
+  vec4 pixel;
   vec4 plane;        /* common place of pixel (0, 0) on a plane across the view */
   vec4 right;        /* and how it moves by a pixel to the right, */
   vec4 up;           /* and up */
   vec4 eye;          /* common place of the eye, w = 1; in a parallel view its direction, w = 0 */
   vec4 size;         /* pixels; depths of the near and of the far plane */
-  /* Radius of the ball that holds all glasses; from a capture to a second; longest ray. */
+  /* Radius of the ball that holds all glasses; from a capture to a second; longest ray; lamps. */
   vec4 start;
   /* Centre in the common frame; side of a face in pixels, 0: not drawn yet. */
   vec4 captures[{CAPTURES}];
   /* Of each one's close picture: forward, and 1 if there is one; right; up. */
   vec4 closes[{3 * CAPTURES}];
+  /* Of each lamp: from the common frame to its own, three rows; radiance and kind; by what it is
+   * multiplied behind glass and mirrored, and its beam. */
+  vec4 lamps[{LAMP_ROWS * LAMPS}];
 }};
 """
 
@@ -112,7 +118,13 @@ VIEWS = (
     + source("views")
 )
 
-LOOKUP = VIEWS + source("depths", "march", "seen", "colours")
+LAMPS_LIGHT = f"""
+#define LAMP_ROWS {LAMP_ROWS}
+#define BALL {BALL}
+#define DISC {DISC}
+""" + source("lamps")
+
+LOOKUP = VIEWS + LAMPS_LIGHT + source("depths", "march", "seen", "colours")
 
 MAIN = source("main")
 

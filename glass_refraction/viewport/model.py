@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import optics
 from ..optics.axial import BoundedGlass
-from ..scene.names import RefractiveGlassError
+from ..scene.names import RefractiveGlassError, own
 from ..scene.read.glasses import (
     as_body,
     glass_modifier,
@@ -50,7 +50,7 @@ class Model:
     lines : glasses and profiles, which views show by lines. meshes : glasses that are meshes.
     clear : (8, 3) corners in the world of each glass that changes nothing, one of the ior of what
         is around it: rays do not know it, but the lines that it is drawn by are hidden as ever.
-    problems : one line for each glass that is left out.
+    problems : one line for each glass that is left out. lamps : names of all, shown or not.
     """
 
     def __init__(self) -> None:
@@ -64,6 +64,7 @@ class Model:
         self.lines: list[Place] = []
         self.meshes = MeshGlasses()
         self.problems: list[str] = []
+        self.lamps: list[str] = []
         self._bands: list[list] = []
         self._world: list[np.ndarray] | None = None
         self._things: dict[int, str] = {}
@@ -111,6 +112,7 @@ class Model:
         self._serial = news.serial
         # What is neither glass nor thing, nor anything that never is one, may have become one.
         anew = anew or not changed <= self._things.keys() | self._glasses | self._beside
+        anew = anew or any(name not in layer.objects for name in self.lamps)
         if not anew:
             anew = not self._read_boxes(layer, space, changed & self._things.keys())
         if anew:
@@ -135,8 +137,12 @@ class Model:
         ]
         self._things = {obj.session_uid: obj.name for obj in things}
         self._beside = {o.session_uid for o in layer.objects if o.type in NEVER_SEEN}
+        self.lamps = [o.name for o in layer.objects if o.type == "LIGHT" and not own(o)]
+        # Profiles are curves without a surface.
+        lines = profiles(layer, space, places(layer, space))
+        lines = {place.obj.session_uid for place in lines}
         self._has_others = any(
-            o.session_uid not in self._things
+            o.session_uid not in self._things.keys() | lines
             and o.type not in NEVER_SEEN | {"EMPTY"}
             and o.display_type not in NEVER_SURFACES
             and not (o.type == "MESH" and glass_modifier(o) is not None)

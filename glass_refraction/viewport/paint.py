@@ -22,6 +22,7 @@ from ..scene.read.viewpoint import Viewpoint
 from . import glsl
 from .description import Frame, Posed, trees_of
 from .eye import common_line, least_depth, pack_view, pixel_width
+from .lamps import Lamps
 from .shaders import kept
 from .trees import ROW_BITS, Tree
 from .wires import Wires
@@ -287,6 +288,7 @@ class Painter:
         captures: list[tuple[np.ndarray, int, np.ndarray | None]],
         seconds: int,
         scene_reach: float,
+        lamps: Lamps,
     ) -> None:
         """Hand the glasses' block (see :mod:`description`) and the view to the shader.
 
@@ -294,7 +296,7 @@ class Painter:
         ----------
         blocks : one, and if a glass disperses one each for red, green and blue light.
         clear : (8, 3) corners of each box in which only lines are to be hidden.
-        captures, seconds, scene_reach : see `eye.pack_view`.
+        captures, seconds, scene_reach, lamps : see `eye.pack_view`.
         """
         same = len(blocks) == len(self._blocks) and all(
             known[0] is block for known, block in zip(self._blocks, blocks, strict=True)
@@ -305,7 +307,11 @@ class Painter:
         if trees != self._trees:
             self._trees = trees
             self._mesh = mesh_texture(trees) if trees else None
-        self.view_block = _uniform(pack_view(view, frame, captures, seconds, scene_reach))
+        self.view_block = _uniform(
+            pack_view(
+                view, frame, captures, seconds, scene_reach, lamps.packed(frame), lamps.limits
+            )
+        )
         self._view = view
         self._rects = merged(
             [screen_rect(corners, view) for corners in (*(g.corners() for g in glasses), *clear)]

@@ -32,6 +32,7 @@ from .jobs import (
     is_rendering,
     samples_of_engine,
 )
+from .lamps import Lamps
 from .model import Model
 
 if TYPE_CHECKING:
@@ -111,6 +112,7 @@ class _View:
 
     def __init__(self) -> None:
         self.model = Model()
+        self.lamps = Lamps()
         self.home: Home | None = None
         """The context in which timers work for it."""
         self.away = 0
@@ -369,6 +371,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     seen = (told.seen, model.signature())
     if view.stamp[:2] != (seen, looks) and model.is_shown:
         captures.arrange(model.glasses, looks, model.boxes)
+        view.lamps.read(layer, space, model.lamps, {place.obj.name for place in model.lines})
     if model.meshes.waits:
         view.final = False
         _ask_for_rest()
@@ -466,6 +469,7 @@ def _describe(view: _View, eye) -> None:
         view.captures.listed(),
         view.captures.glasses,
         model.scene_reach(),
+        view.lamps,
     )
 
 

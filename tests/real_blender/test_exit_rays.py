@@ -111,8 +111,15 @@ def test_tiles_hold_the_nearest_and_farthest_of_their_pixels(found):
 def test_depths_are_freed_of_what_eevee_adds_to_them(found):
     """It adds to each how much those beside it differ: ends of things lay as far as what is behind.
 
-    Corners of the disc's edge that one block cuts more than once cannot all be told.
+    Corners of a disc's edge that one block cuts more than once cannot all be told. Where it cuts
+    one pixel off, values are as a plane's: in captures such pixels lay far too near.
     """
     freed, amended = found["amended"]
     assert amended > 0.015
-    assert freed < 0.002
+    assert freed < 0.0005
+
+
+def test_lamps_shine_as_their_triangles_do(found):
+    """Balls and discs of triangles are a little smaller. Lamps were missing in Material Preview."""
+    assert len(found["lamps"]) == 4
+    assert max(found["lamps"].values()) < 0.03

@@ -20,6 +20,7 @@ LEAST_SIZE = 1e-6
 """Metres: smaller lamps have no image."""
 DISC_CORNERS = 48
 """Corners of a round area lamp: its area is then 0.3 % short."""
+SQUARE, DISC, BALL = range(3)
 BALL_ROWS, BALL_COLUMNS = 12, 24
 """Of a point or spot lamp's ball."""
 
@@ -80,46 +81,76 @@ def sun_of(light: bpy.types.Light, to_world: np.ndarray, engine: str) -> Sun | N
 
 def lamp_shape(light: bpy.types.Light, to_world: np.ndarray, engine: str):
     """Points (V, 3) in the world, triangles (T, 3) and look of a lamp; None for one of no size."""
-    shape = {"AREA": _area, "POINT": _ball, "SPOT": _ball}.get(light.type)
-    found = None if shape is None else shape(light, to_world)
-    if found is None:
+    body = lamp_body(light, to_world, engine)
+    if body is None:
         return None
-    points, corners, size, faces = found
+    points, corners = _ball() if body.kind == BALL else _flat(body.kind == DISC)
+    return points @ body.to_world[:3, :3].T + body.to_world[:3, 3], corners, body.look
+
+
+@dataclass(frozen=True)
+class LampBody:
+    """A lamp of a size: a square from −1 to 1, a disc or a ball of radius 1, led into the world.
+
+    Flat ones lie in z = 0; light leaves along −z, and balls' beams go there.
+
+    Attributes
+    ----------
+    kind : `SQUARE`, `DISC` or `BALL`. to_world : (4, 4). look : what it shows.
+    """
+
+    kind: int
+    to_world: np.ndarray
+    look: Look
+
+
+def lamp_body(light: bpy.types.Light, to_world: np.ndarray, engine: str) -> LampBody | None:
+    """The body of a lamp with a pose (4, 4); None for one of no size."""
+    pose = np.array(to_world, float)
+    if light.type == "AREA":
+        wide = float(light.size)
+        high = float(light.size_y) if light.shape in {"RECTANGLE", "ELLIPSE"} else wide
+        pose[:3, :2] *= 0.5 * wide, 0.5 * high
+        kind = DISC if light.shape in {"DISK", "ELLIPSE"} else SQUARE
+        least = 2.0 * np.linalg.norm(pose[:3, :2], axis=0).min()
+        area = (np.pi if kind == DISC else 4.0) * np.linalg.norm(np.cross(*pose[:3, :2].T))
+    elif light.type in {"POINT", "SPOT"}:
+        least = radius = float(light.shadow_soft_size)
+        pose[:3, :3] *= radius / np.maximum(np.linalg.norm(pose[:3, :3], axis=0), LEAST_SIZE)
+        kind, area = BALL, 4.0 * np.pi * radius**2
+    else:
+        return None
+    if least < LEAST_SIZE:
+        return None
     radiance = lamp_power(light, engine) / np.pi
     if lamp_is_normalised(light):
-        radiance = radiance / size
-    beam = beam_of(light, to_world, engine)
-    factors = lamp_factors(light, engine)
-    look = Look((0.0, 0.0, 0.0), _radiance(radiance), True, False, faces, beam, factors=factors)
-    return points, corners, look
+        radiance = radiance / area
+    # Of its front: what light has passed that does not meet it again.
+    look = Look(
+        (0.0, 0.0, 0.0),
+        _radiance(radiance),
+        is_lamp=True,
+        faces=1,
+        beam=beam_of(light, to_world, engine),
+        factors=lamp_factors(light, engine),
+    )
+    return LampBody(kind, pose, look)
 
 
-def _area(light: bpy.types.AreaLight, to_world: np.ndarray):
-    """Points, triangles, area (m²) and `Look.faces`."""
-    wide = float(light.size)
-    high = float(light.size_y) if light.shape in {"RECTANGLE", "ELLIPSE"} else wide
-    x, y = to_world[:3, 0] * wide, to_world[:3, 1] * high
-    if min(np.linalg.norm(x), np.linalg.norm(y)) < LEAST_SIZE:
-        return None
-    if light.shape in {"DISK", "ELLIPSE"}:
+def _flat(is_disc: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Points and triangles of a unit disc or square."""
+    if is_disc:
         angle = np.linspace(0.0, 2.0 * np.pi, DISC_CORNERS, endpoint=False)
-        flat = 0.5 * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-        area = 0.25 * np.pi * np.linalg.norm(np.cross(x, y))
+        points = np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=1)
     else:
-        flat = 0.5 * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-        area = np.linalg.norm(np.cross(x, y))
-    points = to_world[:3, 3] + flat[:, :1] * x + flat[:, 1:] * y
-    fan = np.arange(1, len(flat) - 1)
-    # Its light leaves along −z: the corners run clockwise as seen from there.
-    corners = np.stack((np.zeros_like(fan), fan + 1, fan), axis=1)
-    return points, corners.astype(np.int32), area, 1
+        points = np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])
+    fan = np.arange(1, len(points) - 1)
+    # Light leaves along −z: the corners run clockwise as seen from there.
+    return points, np.stack((np.zeros_like(fan), fan + 1, fan), axis=1).astype(np.int32)
 
 
-def _ball(light: bpy.types.PointLight | bpy.types.SpotLight, to_world: np.ndarray):
-    """Points, triangles, area (m²) and `Look.faces`."""
-    radius = float(light.shadow_soft_size)
-    if radius < LEAST_SIZE:
-        return None
+def _ball() -> tuple[np.ndarray, np.ndarray]:
+    """Points and triangles of a unit ball."""
     across = np.linspace(0.0, np.pi, BALL_ROWS + 1)
     around = np.linspace(0.0, 2.0 * np.pi, BALL_COLUMNS, endpoint=False)
     polar, azimuth = np.meshgrid(across, around, indexing="ij")
@@ -135,6 +166,4 @@ def _ball(light: bpy.types.PointLight | bpy.types.SpotLight, to_world: np.ndarra
             for one, two, three in ((a, b, c), (a, c, d))
         ]
     )
-    points = unit.reshape(-1, 3) * radius + to_world[:3, 3]
-    # Of its outside: what light has passed its front does not meet it again.
-    return points, corners.astype(np.int32), 4.0 * np.pi * radius**2, 1
+    return unit.reshape(-1, 3), corners.astype(np.int32)

@@ -454,7 +454,7 @@ def _read(
         captures=settings.captures,
         min_weight=settings.min_weight,
         fresnel=settings.surface == "GLASS",
-        clamp=Clamp(*clamp_settings(scene)),
+        clamp=Clamp(*clamp_settings(scene, render.engine)),
         seen_through=_seen_through(scene, problems),
         exposure=film_exposure(scene),
         capture_worth=LIT_ELSEWHERE_WORTH if _light_comes_along(scene) else CAPTURE_WORTH,

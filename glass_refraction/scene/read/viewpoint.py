@@ -224,9 +224,9 @@ def samples_setting(scene: bpy.types.Scene) -> tuple[bpy.types.bpy_struct, str]:
     return scene.eevee, "taa_render_samples"
 
 
-def clamp_settings(scene: bpy.types.Scene) -> tuple[float, float]:
-    """Most light of a sample by direct and by indirect light, by the scene's engine; 0: any."""
-    if scene.render.engine == "CYCLES":
+def clamp_settings(scene: bpy.types.Scene, engine: str) -> tuple[float, float]:
+    """Most light of a sample by direct and by indirect light in an engine; 0: any."""
+    if engine == "CYCLES":
         return float(scene.cycles.sample_clamp_direct), float(scene.cycles.sample_clamp_indirect)
     eevee = scene.eevee
     return float(eevee.clamp_surface_direct), float(eevee.clamp_surface_indirect)

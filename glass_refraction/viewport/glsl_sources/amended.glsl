@@ -10,10 +10,11 @@ float raw_value(sampler2D tx, ivec2 pixel)
   return texelFetch(tx, clamp(pixel, ivec2(0), textureSize(tx, 0) - 1), 0).r;
 }
 
-/* Of a pixel beside one with the value `own`, which stands in where a line may be. */
-float value_beside(sampler2D tx, ivec2 pixel, float own)
+/* Of a pixel beside another; where a line is, `guess` stands in. */
+float value_beside(sampler2D tx, ivec2 pixel, float guess)
 {
-  return texelFetch(wire_tx, pixel, 0).r > 1.0 ? raw_value(tx, pixel) : own;
+  float value = raw_value(tx, pixel);
+  return is_wire(clamp(pixel, ivec2(0), textureSize(tx, 0) - 1), value) ? guess : value;
 }
 
 float value_of(sampler2D tx, ivec2 pixel)
@@ -25,11 +26,24 @@ float value_of(sampler2D tx, ivec2 pixel)
   ivec2 other = min(pixel ^ ivec2(1), textureSize(tx, 0) - 1);
   ivec2 right = ivec2(other.x, pixel.y), up = ivec2(pixel.x, other.y);
   float across = value_beside(tx, right, own), along = value_beside(tx, up, own);
-  float opposite = value_beside(tx, other, own);
+  float opposite = value_beside(tx, other, min(across + along - own, 1.0));
   float low = min(min(own, across), min(along, opposite));
   float high = max(max(own, across), max(along, opposite));
   float span = high - low;
-  if (abs(own + opposite - across - along) <= TWISTED * span) {
+  /* The least value, and the one opposite of it. */
+  bool is_own = own == low, is_opposite = opposite == low, is_across = across == low;
+  ivec2 least_ = is_own ? pixel : (is_opposite ? other : (is_across ? right : up));
+  ivec2 apart = is_own ? other : (is_opposite ? pixel : (is_across ? up : right));
+  float beyond_ = is_own ? opposite : (is_opposite ? own : (is_across ? along : across));
+  vec2 rest = is_own || is_opposite ? vec2(across, along) : vec2(own, opposite);
+  /* Three that lie as near, before one that ended at 1, may have a plane's values; but a plane comes
+   * nearer beside the block. */
+  float rise = min(rest.x, rest.y) - low;
+  float ahead = max(value_beside(tx, 2 * least_ - ivec2(apart.x, least_.y), low),
+                    value_beside(tx, 2 * least_ - ivec2(least_.x, apart.y), low));
+  bool is_plane = abs(own + opposite - across - along) <= TWISTED * span &&
+                  (high < 1.0 || rise <= TWISTED * span || ahead < low - 0.5 * rise);
+  if (is_plane) {
     float value = own - abs(own - across) - abs(own - along);
     if (high >= 1.0 && own < 1.0) {
       /* It ended at 1: the nearer one is beside the block. */
@@ -38,11 +52,6 @@ float value_of(sampler2D tx, ivec2 pixel)
     return value;
   }
   /* One pixel lies nearer than the others, or farther: opposite of the least value or there. */
-  bool is_own = own == low, is_opposite = opposite == low, is_across = across == low;
-  ivec2 least_ = is_own ? pixel : (is_opposite ? other : (is_across ? right : up));
-  ivec2 apart = is_own ? other : (is_opposite ? pixel : (is_across ? up : right));
-  float beyond_ = is_own ? opposite : (is_opposite ? own : (is_across ? along : across));
-  vec2 rest = is_own || is_opposite ? vec2(across, along) : vec2(own, opposite);
   bool is_apart = pixel == apart;
   if (min(rest.x, rest.y) < min(beyond_ - SAME * span, 1.0)) {
     /* Three lie as near. */

@@ -24,12 +24,13 @@ bool covered(vec3 p)
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 {
   vec4 colour;
-  float way;
+  float way = NOWHERE;
   int slot = capture_of(g);
   last_shown = vec4(-1.0);
   if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
+  colour.rgb += lamps(p, d, way, light.rgb);
   add(colour, light);
 }
 
@@ -41,15 +42,17 @@ bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float wa
 {
   /* From one glass to another anything may stand; within one what reaches into its box. */
   vec2 things = vec2(row(9 + GLASS_ROWS * g).w, row(1 + GLASS_ROWS * g).w);
-  if (boxed && !meets_boxes(int(things.x), int(things.y), p, d, way)) {
-    return false;
-  }
   vec4 colour;
-  float reached;
-  if (!seen(p, d, way, capture_of(g), boxed ? g : -1, colour, reached)) {
+  float reached = way;
+  bool ends = (!boxed || meets_boxes(int(things.x), int(things.y), p, d, way)) &&
+              seen(p, d, way, capture_of(g), boxed ? g : -1, colour, reached);
+  vec3 shine = lamps(p, d, reached, light.rgb);
+  if (!ends) {
+    sum.rgb += light.w * light.rgb * shine;
     return false;
   }
   light.rgb *= exp(-taken * reached);
+  colour.rgb += shine;
   add(colour, light);
   return true;
 }

@@ -21,8 +21,10 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
   /* p and d are in the frame of the glass `home`, of none in the common one. */
   vec3 p = home < 0 ? place : to_glass(home, place);
   vec3 d = home < 0 ? along : turn_in(home, along);
-  int last = home, events = 0, ways = 0, skip = -1;
+  int last = home, ways = 0, skip = -1;
   course = home < 0 ? 0 : NO_COURSE;
+  events = 0;
+  by_mirror = false;
   float first_way = NOWHERE, gone = 0.0;
   bool alive = true, begun = false;
   int glasses_ = int(row(0).x);
@@ -39,8 +41,9 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       }
       pending--;
       p = places[best]; d = alongs[best]; light = lights[best]; held = helds[best];
-      last = states[best].x; events = states[best].y; skip = states[best].z;
+      last = states[best].x; events = abs(states[best].y); skip = states[best].z;
       course = states[best].w;
+      by_mirror = states[best].y < 0;
       places[best] = places[pending]; alongs[best] = alongs[pending];
       lights[best] = lights[pending]; states[best] = states[pending];
       helds[best] = helds[pending];
@@ -207,12 +210,15 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       vec3 second = turned;
       vec4 rest = other;
       ivec4 second_held = held;
+      bool second_by_mirror = true;
       int crossed = crossing(hit, met), second_course = NO_COURSE;
       if (other.w > light.w) {
         second_course = crossed;
         course = NO_COURSE;
         second_place = p; second = d; rest = light; second_held = after;
         p = here + clear; d = turned; light = other;
+        second_by_mirror = by_mirror;
+        by_mirror = true;
       }
       else {
         held = after;
@@ -241,7 +247,7 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
           alongs[slot] = turned_to(hit, second_home, second);
           lights[slot] = rest;
           helds[slot] = second_held;
-          states[slot] = ivec4(hit, events, skip, second_course);
+          states[slot] = ivec4(hit, second_by_mirror ? -events : events, skip, second_course);
         }
       }
       alive = light.w > enough;

@@ -22,6 +22,9 @@
 
 /* Of the way that is followed. */
 int course = 0;
+/* Its events so far, and whether any of them mirrored it. */
+int events = 0;
+bool by_mirror = false;
 /* Nodes of a mesh's tree that a ray sees, at most. */
 #define MOST_NODES 4000
 /* How far beyond its sides a triangle is met: rounding must leave no gap between two. */

@@ -261,7 +261,8 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
       }
       behind = hidden = true;
       if (last_shown.w < 0.0) {
-        last_shown = vec4(q + near * d, float(slot));
+        /* Right beside the edge pixels are mixed. */
+        last_shown = vec4(normalize(q + near * d) + normalize(q + before * d), float(slot));
       }
     }
     else if (gap <= 0.0) {

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils import Euler, Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -252,12 +253,13 @@ def compare_tiles(paint):
 def compare_amended(paint):
     """Part of depths that are off once what EEVEE adds to them was taken off again, and before.
 
-    Of a disc before a tilted plane.
+    Of two discs before a tilted plane: values end at 1 beside the nearer one.
     """
     rows, columns = 96, 128
     y, x = np.mgrid[:rows, :columns] + 0.5
     values = 0.9 + 1e-4 * x - 2e-4 * y
-    values[np.hypot(x - 60.3, y - 47.8) < 31.0] = 0.7
+    values[np.hypot(x - 40.3, y - 47.8) < 31.0] = 0.7
+    values[np.hypot(x - 95.6, y - 40.2) < 21.0] = 0.82
     blocks = values.reshape(rows // 2, 2, columns // 2, 2)
     changes = np.abs(np.diff(blocks, axis=1)) + np.abs(np.diff(blocks, axis=3))
     amended = np.minimum(blocks + changes, 1.0).reshape(rows, columns)
@@ -344,6 +346,53 @@ def planes(paint):
     return worst
 
 
+LAMPS = (
+    ("AREA", {"shape": "RECTANGLE", "size": 0.8, "size_y": 0.5}, "BLENDER_EEVEE"),
+    ("AREA", {"shape": "ELLIPSE", "size": 0.8, "size_y": 0.5, "spread": 2.0}, "CYCLES"),
+    ("POINT", {"shadow_soft_size": 0.4}, "BLENDER_EEVEE"),
+    ("SPOT", {"shadow_soft_size": 0.4, "spot_size": 1.5, "spot_blend": 0.6}, "BLENDER_EEVEE"),
+)
+
+
+def compare_lamps(root, paint):
+    """Of each lamp the part of the light that is off, along rays that meet its triangles."""
+    view_lamps, eye, description, rays = (
+        __import__("importlib").import_module(f"{root.__name__}.{name}")
+        for name in ("viewport.lamps", "viewport.eye", "viewport.description", "scene.rays.lamps")
+    )
+    frame = description.Frame(np.array((0.1, -0.2, 0.3)), 0.5, 4.0)
+    random = np.random.default_rng(1)
+    pose = Matrix.LocRotScale((0.4, 0.3, 0.2), Euler((0.3, 2.0, -0.4)), (1.0, 1.3, 1.0))
+    worst = {}
+    for kind, settings, engine in LAMPS:
+        light = bpy.data.lights.new(kind, kind)
+        light.energy, light.color, light.specular_factor = 7.0, (1.0, 0.6, 0.3), 0.5
+        for name, value in settings.items():
+            setattr(light, name, value)
+        lamps = view_lamps.Lamps()
+        lamps.bodies = [rays.lamp_body(light, np.array(pose), engine)]
+        points, corners, look = rays.lamp_shape(light, np.array(pose), engine)
+        tree = BVHTree.FromPolygons(points.tolist(), corners.tolist())
+        starts = random.normal(0.0, 1.5, (20, 50, 3))
+        aims = np.array(pose.translation) + random.normal(0.0, 0.3, starts.shape)
+        along = aims - starts
+        along /= np.linalg.norm(along, axis=-1, keepdims=True)
+        packed = lamps.packed(frame)
+        block = np.zeros((eye.VIEW_ROWS, 4))
+        block[5], block[11, 3] = eye.NO_LIMIT, 1.0
+        block[12 + 4 * eye.CAPTURES :][: len(packed)] = packed
+        found = passes.lamps_light(paint, block, frame.place(starts), along, 1e9).reshape(-1, 3)
+        wanted = np.zeros_like(found)
+        rays_of = zip(starts.reshape(-1, 3), along.reshape(-1, 3), strict=True)
+        for k, (start, way) in enumerate(rays_of):
+            place, normal, *_ = tree.ray_cast(Vector(start), Vector(way))
+            if place is not None:
+                part = look.lights(np.array(normal)[None], way[None])
+                wanted[k] = part * look.factors[1] * np.array(look.radiance)
+        worst[f"{kind} {engine}"] = float(np.abs(found - wanted).sum() / wanted.sum())
+    return worst
+
+
 def run():
     result = {}
     try:
@@ -357,6 +406,7 @@ def run():
         result["planes"] = planes(paint)
         result["met"] = met_before_edges(paint)
         result["amended"] = compare_amended(paint)
+        result["lamps"] = compare_lamps(root, paint)
         print("exit_rays:", result, flush=True)
         for seed, (name, glass) in enumerate(shapes(optics).items()):
             result[name] = compare(optics, description, paint, glass, seed)

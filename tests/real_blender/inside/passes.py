@@ -140,15 +140,19 @@ def exit_rays(
 def plain_values(paint, values: np.ndarray) -> np.ndarray:
     """Values (height, width) of a depth buffer without what EEVEE adds to them."""
     height, width = values.shape
-    direct = paint.Direct()
-    direct.raw = paint._texture(np.ascontiguousarray(values, np.float32), "R32F")
-    direct.wire_depth = paint._texture(
-        np.full((height, width), _constant(paint, "wires", "NOTHING"), np.float32), "R32F"
-    )
-    direct.line = (0.0, 1.0, 1.0, 0.0)
+    nothing = np.full((height, width), _constant(paint, "wires", "NOTHING"), np.float32)
+    inputs = {
+        "raw_tx": paint._texture(np.ascontiguousarray(values, np.float32), "R32F"),
+        "wire_tx": paint._texture(nothing, "R32F"),
+    }
     _, target = paint._target((width, height), "RGBA32F")
-    direct.size = (width, height)
-    direct._take_depths(target, amended=True)
+    glsl = import_module(".glsl", paint.__package__)
+    main = "void main() { frag = vec4(value_of(raw_tx, ivec2(gl_FragCoord.xy))); }"
+    shader = paint.compiled(**paint.DESCRIPTIONS["depth"] | {"fragment": glsl.AMENDED + main})
+    with paint.filling(target, (width, height), shader):
+        shader.uniform_int("amended", 1)
+        for name, texture in inputs.items():
+            shader.uniform_sampler(name, texture)
     with target.bind():
         read = target.read_color(0, 0, width, height, 4, 0, "FLOAT")
     return np.asarray(read).reshape(height, width, 4)[..., 0]
@@ -286,3 +290,43 @@ def marched(paint, depths: np.ndarray, origins: np.ndarray, directions: np.ndarr
     with target.bind():
         read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
     return np.asarray(read).reshape(rows, columns, 4)
+
+
+LAMPS = """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec3 o = texelFetch(origin_tx, pixel, 0).xyz, d = texelFetch(along_tx, pixel, 0).xyz;
+  frag = vec4(lamps(o, d, reach, vec3(1.0)), 1.0);
+}
+"""
+
+
+def lamps_light(
+    paint, block: np.ndarray, origins: np.ndarray, directions: np.ndarray, reach: float
+) -> np.ndarray:
+    """(rows, columns, 3) light of lamps along mirrored ways, see `eye.pack_view`."""
+    rows, columns, _ = origins.shape
+    inputs = {}
+    for name, values in (("origin_tx", origins), ("along_tx", directions)):
+        filled = np.ones((rows, columns, 4), np.float32)
+        filled[..., :3] = values
+        inputs[name] = paint._texture(filled, "RGBA32F")
+    glsl = import_module(".glsl", paint.__package__)
+    shader = paint.compiled(
+        constants=[("VEC4", "box"), ("FLOAT", "reach")],
+        samplers=list(inputs),
+        outputs=["frag"],
+        fragment=f"int events = 2; bool by_mirror = true;{glsl.LAMPS_LIGHT}{LAMPS}",
+        view=True,
+    )
+    view = paint._uniform(block)
+    _, target = paint._target((columns, rows), "RGBA32F")
+    with paint.filling(target, (columns, rows), shader):
+        shader.uniform_block("view", view)
+        shader.uniform_float("reach", reach)
+        for name, texture in inputs.items():
+            shader.uniform_sampler(name, texture)
+    with target.bind():
+        read = target.read_color(0, 0, columns, rows, 4, 0, "FLOAT")
+    return np.asarray(read).reshape(rows, columns, 4)[..., :3]
