@@ -8,7 +8,7 @@ import numpy as np
 from mathutils import Matrix
 
 from glass_refraction.reference.cycles import scene_depsgraph
-from glass_refraction.reference.glass_mesh import glass_surfaces
+from glass_refraction.scene.build.glass_mesh import glass_surfaces
 from glass_refraction.scene.read.glasses import read_glasses
 from glass_refraction.scene.read.mesh_glasses import MeshGlass
 

@@ -81,11 +81,22 @@ def build():
         _nothing(b),
         shadow.cast(b, menu.outputs["Output"], group, _is_solid(b, menu, wall)),
     )
-    unshown = _with_corners(b, unshown, is_mesh, own)
+    unshown = _with_corners(b, _with_mirrored(b, unshown, group), is_mesh, own)
     out = b.switch("GEOMETRY", shown.outputs[0], unshown, mesh)
     end = b.node("NodeGroupOutput")
     b.link(out, end.inputs[0])
     return b.tree
+
+
+def _with_mirrored(b: TreeBuilder, unshown, group):
+    """What renders have of the glass, and the object that stands for it in mirrors, instanced."""
+    info = b.node("ObjectInfo", transform_space="ORIGINAL")
+    b.link(group.outputs["In Mirrors"], info.inputs["Object"])
+    info.inputs["As Instance"].default_value = True
+    both = b.node("JoinGeometry")
+    b.link(info.outputs["Geometry"], both.inputs[0])
+    b.link(unshown, both.inputs[0])
+    return both.outputs[0]
 
 
 def _with_corners(b: TreeBuilder, shown, is_mesh, own):
@@ -259,6 +270,12 @@ def _interface(b: TreeBuilder) -> None:
         default=False,
         hidden=True,
         description="Set by the extension: rendered as a mesh only while the refraction is off",
+    )
+    b.socket(
+        "In Mirrors",
+        "Object",
+        hidden=True,
+        description="Set by the extension: what mirrors show of the glass in Cycles",
     )
     b.socket(
         "Edges in Viewport",

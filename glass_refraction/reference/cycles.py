@@ -13,18 +13,18 @@ import numpy as np
 from mathutils import Matrix
 
 from .. import optics
+from ..scene.build.glass_material import SURFACES, Interface, glass_shader
+from ..scene.build.glass_mesh import Surface, fill_mesh, film, glass_surfaces
 from ..scene.build.shaders import math_node
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
+from ..scene.rays.looks import look_of
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
 from ..scene.read.light_linking import lights_any
 from ..scene.read.mesh_glasses import CLEAR
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
-from .glass_mesh import Surface, fill_mesh, glass_surfaces
 from .interfaces import Interfaces, interfaces, near_shells, overlapping
 from .picture import Request, finished, rendering_picture
-
-SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefraction"}
 
 # Light that runs round inside a wall dies off by Fresnel's losses, not by the number of bounces:
 # with 64, one path in 16,000 through a filled cup went dark.
@@ -37,13 +37,15 @@ class _Style:
 
     Attributes
     ----------
-    surface, shadows : see `rendering_reference`. rough : any glass is.
+    surface, shadows : see `rendering_reference`. rough : any glass is. polished : what glossy rays
+        come from shows images.
     temporary : undoes what is made and set, with the reference.
     """
 
     surface: str
     shadows: bool
     rough: bool
+    polished: bool
     temporary: ExitStack
     _materials: dict[tuple, bpy.types.Material] = field(default_factory=dict)
 
@@ -89,8 +91,8 @@ def rendering_reference(
     surface : "GLASS" refracts and mirrors by Fresnel's laws; "REFRACTION" refracts all light, and
         is black where it is reflected totally.
     glass_shadows : False lights every surface as though there were no glass: it is there for the
-        camera and behind sharp mirrors and other clear glass. True lets it block lamps, cast
-        caustics and be mirrored in rough surfaces.
+        camera and behind mirrors and other clear glass. True lets it block lamps, cast caustics
+        and be mirrored in rough surfaces of scenes in which nothing is polished.
     denoised : by the denoiser of the scene's settings.
     glasses : by default those of the scene.
 
@@ -121,7 +123,8 @@ def rendering_reference(
         with _reference_scene(scene) as reference, ExitStack() as temporary:
             _set_up_cycles(reference, scene, samples or getattr(*samples_setting(scene)), seed)
             reference.cycles.use_denoising = denoised
-            style = _Style(surface, glass_shadows, rough, temporary)
+            polished = _is_polished(reference)
+            style = _Style(surface, glass_shadows, rough, polished, temporary)
             yield from _show_glasses(reference, glasses, style)
             return (yield from rendering_picture(reference))
 
@@ -170,6 +173,12 @@ def rendering_direct(scene: bpy.types.Scene) -> Generator[Request, object, np.nd
             temporary.callback(setattr, obj, "hide_render", obj.hide_render)
             obj.hide_render = True
         return (yield from rendering_picture(direct))
+
+
+def _is_polished(scene: bpy.types.Scene) -> bool:
+    """Whether anything in a scene shows images, such as a floor that is not quite sharp."""
+    slots = (slot for obj in scene.objects if not obj.hide_render for slot in obj.material_slots)
+    return any(look_of(material).is_mirror for material in {slot.material for slot in slots})
 
 
 def _objects(
@@ -380,21 +389,11 @@ def _object_of(
     return obj
 
 
-FILM = 2e-5
-"""Part by which a reference's glass is smaller: where it touches a thing there is a film of air."""
-
-
 def _shrunk(mesh: bpy.types.Mesh) -> Matrix:
-    """Shrinks a mesh towards the middle of its box, by `FILM`.
-
-    A path tracer meets either of two faces in one place; True shading has a film of air there.
-    """
+    """Leaves a film of air round a mesh, see `film`."""
     points = np.empty((len(mesh.vertices), 3), np.float32)
     mesh.vertices.foreach_get("co", points.ravel())
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)).astype(float)
-    matrix = np.diag((1.0 - FILM,) * 3 + (1.0,))
-    matrix[:3, 3] = FILM * middle
-    return Matrix(matrix.tolist())
+    return Matrix(film(points).tolist())
 
 
 def _kind(glass: Glass, surface: Surface) -> tuple:
@@ -422,12 +421,8 @@ def _glass_material(
     material[TAG] = REFERENCE
     tree = material.node_tree
     tree.nodes.clear()
-    shader = tree.nodes.new(SURFACES[style.surface])
-    shader.inputs["Color"].default_value = (*colour, 1.0)
-    shader.inputs["Roughness"].default_value = roughness
-    shader.inputs["IOR"].default_value = eta
-    if before is not None:
-        tree.links.new(_left_over(tree, before, behind, colour), shader.inputs["Color"])
+    absorption = None if before is None else (before, behind)
+    shader = glass_shader(tree, Interface(eta, absorption, roughness, colour), style.surface)
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     if style.shadows:
         tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
@@ -436,6 +431,10 @@ def _glass_material(
     # that the surface has already counted through the glass that casts no shadow.
     ray = tree.nodes.new("ShaderNodeLightPath").outputs
     meets = math_node(tree, "MAXIMUM", ray["Is Camera Ray"], ray["Is Singular Ray"])
+    if style.polished:
+        seen = math_node(tree, "LESS_THAN", ray["Diffuse Depth"], 0.5)
+        mirrored = math_node(tree, "MULTIPLY", ray["Is Glossy Ray"], seen)
+        meets = math_node(tree, "MAXIMUM", meets, mirrored)
     if style.rough:
         # No ray is singular behind a rough surface. Those that a glass has let through or mirrored
         # within meet it, but not those of a matt or rough thing, which come from outside.
@@ -453,24 +452,3 @@ def _glass_material(
     tree.links.new(shader.outputs["BSDF"], mix.inputs[2])
     tree.links.new(mix.outputs[0], output.inputs["Surface"])
     return material
-
-
-def _left_over(
-    tree: bpy.types.NodeTree, before: tuple, behind: tuple, colour: tuple[float, float, float]
-) -> bpy.types.NodeSocket:
-    """Beer and Lambert's law for the way since the last surface, without a volume's noise.
-
-    What is left is multiplied by the surface's colour. Ways that end at a thing within the glass
-    meet no further surface of it: their last stretch is not tinted.
-    """
-    side = tree.nodes.new("ShaderNodeNewGeometry")
-    ray = tree.nodes.new("ShaderNodeLightPath")
-    join = tree.nodes.new("ShaderNodeCombineColor")
-    for channel, (front, back) in enumerate(zip(before, behind, strict=True)):
-        coefficient = math_node(
-            tree, "MULTIPLY_ADD", side.outputs["Backfacing"], front - back, -front
-        )
-        depth = math_node(tree, "MULTIPLY", coefficient, ray.outputs["Ray Length"])
-        left = math_node(tree, "MULTIPLY", math_node(tree, "EXPONENT", depth), colour[channel])
-        tree.links.new(left, join.inputs[channel])
-    return join.outputs["Color"]

@@ -22,10 +22,10 @@ from mathutils.bvhtree import BVHTree
 from mathutils.geometry import delaunay_2d_cdt
 
 from .. import optics
+from ..scene.build.glass_mesh import fill_mesh, glass_surfaces
 from ..scene.rays.frame import placed_glasses
 from ..scene.read.glasses import Glass, as_body
 from ..scene.read.mesh_glasses import triangles_of
-from .glass_mesh import fill_mesh, glass_surfaces
 
 SKIN = 1e-4
 """Of the size of all glasses: so far before and behind a piece its media are looked up, and nearer

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 counters: Counter[str] = Counter()
 """Operations since start: ``solves``, ``masks``, ``mask_pixels``, ``copies``, ``structures``,
-``settings``, ``listed`` (glasses of which paths were listed)."""
+``settings``, ``mirrored`` (meshes of real glass that were written), ``listed`` (glasses of which
+paths were listed)."""
 
 
 @dataclass
@@ -83,6 +84,7 @@ class Memory:
     paths : glass and colour -> the paths that are kept.
     casters : of rays, which know what stands in their targets.
     kept, kept_light : ways of rays that the next frame may use, of the eye's and of the lamps'.
+    mirrored : session uid of an own object that mirrors show -> stamp of what it holds.
     masks : what was read of images in this render.
     made : session uids of the data-blocks that were made when the scene was prepared.
     covered : (height, width) pixels of the last picture that a glass covers, in True shading.
@@ -106,6 +108,7 @@ class Memory:
     casters: Casters | None = None
     made: frozenset[int] = frozenset()
     covered: np.ndarray | None = None
+    mirrored: dict[int, tuple] = field(default_factory=dict)
     masks: Masks = field(default_factory=dict)
     kept: Kept | None = None
     kept_light: KeptLight | None = None

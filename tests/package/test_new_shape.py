@@ -12,7 +12,7 @@ pytest.importorskip("bpy")
 from glass_refraction import optics
 from glass_refraction.optics.axial import SOLID, AxialGlass, Interface
 from glass_refraction.optics.surfaces import Cylinder, Plane
-from glass_refraction.reference.glass_mesh import glass_surfaces
+from glass_refraction.scene.build.glass_mesh import glass_surfaces
 from glass_refraction.scene.read.glasses import Glass
 from glass_refraction.scene.vertices.hull import first_face
 

@@ -9,7 +9,7 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from glass_refraction import optics
-from glass_refraction.reference.glass_mesh import glass_surfaces
+from glass_refraction.scene.build.glass_mesh import glass_surfaces
 from glass_refraction.scene.names import RefractiveGlassError
 from glass_refraction.scene.read.glasses import read_glasses
 from glass_refraction.scene.read.viewpoint import read_viewpoint

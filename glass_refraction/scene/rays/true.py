@@ -10,6 +10,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..build.compositor import group_node, insert_group
+from ..build.mirrored import prepare_mirrored, remove_mirrored, write_mirrored
 from ..build.own_scenes import (
     find_own_scenes,
     match_settings,
@@ -32,6 +33,7 @@ from ..read.glasses import (
     as_bodies,
     glass_modifier,
     glass_objects,
+    is_shown,
     read_glasses,
 )
 from ..read.light_linking import is_mirrored
@@ -107,6 +109,8 @@ def prepare(scene: bpy.types.Scene) -> None:
         # Evaluated, never rendered.
         cast.view_layers[0].use = False
         synchronise(cast.view_layers[0])
+    glasses = glass_objects(rendered_layer(scene), ever=True)
+    prepare_mirrored(scene, cast, [glass for glass in glasses if glass.is_editable])
     views = [own_scene(scene, CAPTURE, number) for number in range(ROOM.captures)]
     views += [own_scene(scene, SKY, number) for number in range(ROOM.skies)]
     for view in views:
@@ -177,6 +181,7 @@ def remove(scene: bpy.types.Scene) -> None:
     """Remove the own scenes of True shading."""
     for cast in find_own_scenes(scene, (CAST,)):
         _ask_for_colours(scene, cast, [], False)
+        remove_mirrored(cast)
     remove_own_scenes(scene, (CAPTURE, SKY, CAST))
 
 
@@ -295,11 +300,12 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         "in the glass as behind a pane"
         for owner in dict.fromkeys(owner for owner, look in looks if look.is_of_paths)
     ]
-    problems += [
-        f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
-        for owner, share in result.mirrors.items()
-        if share > TOLD_MIRRORED
-    ]
+    if not _are_mirrored(scene, depsgraph, read, result):
+        problems += [
+            f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
+            for owner, share in result.mirrors.items()
+            if share > TOLD_MIRRORED
+        ]
     problems += [
         f'"{owner}" is before a glass and is seen through, but without that glass behind it: '
         "if it is glass, make it one"
@@ -318,6 +324,21 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     memory.status = status
     memory.covered = result.spread[..., 3] < UNCOVERED
     return status
+
+
+def _are_mirrored(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, read: FrameInput, result: FrameResult
+) -> bool:
+    """Have mirrors show the glasses, where there is one, and tell whether they show all."""
+    glasses = read.glasses if result.mirrors else ()
+    places = {
+        obj.name: np.array(obj.evaluated_get(depsgraph).matrix_world, float)
+        for obj in glass_objects(rendered_layer(scene), ever=True)
+        if is_shown(obj, depsgraph)
+    }
+    cast = find_own_scenes(scene, (CAST,))[0]
+    found = write_mirrored(cast, glasses, places, memory_of(scene).mirrored)
+    return found == {glass.name for glass in glasses}
 
 
 def _blurred(scene: bpy.types.Scene) -> list[str]:

@@ -10,6 +10,7 @@ from mathutils import Vector
 from glass_refraction.reference.cycles import render_reference, scene_depsgraph
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
+from glass_refraction.scene.memory import counters
 from glass_refraction.scene.rays import true
 from glass_refraction.scene.rays.looks import look_of
 from glass_refraction.scene.rays.things import read_things
@@ -1215,23 +1216,74 @@ def test_what_the_camera_clips_is_seen_in_the_glass(tmp_path):
     assert found[0, 0, :3].max() == 0.0
 
 
+def _polished(obj, metallic=1.0, roughness=0.1):
+    material = bpy.data.materials.new("Polished")
+    node = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    node.inputs["Metallic"].default_value = metallic
+    node.inputs["Roughness"].default_value = roughness
+    obj.data.materials.append(material)
+
+
 @pytest.mark.parametrize(
     ("metallic", "turn", "told"), [(1.0, 0.0, True), (0.0, 0.0, False), (1.0, 0.6, False)]
 )
 def test_a_mirror_of_a_glass_is_told_of(tmp_path, metallic, turn, told):
     scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
-    scene = _scene(samples=1)
+    scene = _scene(samples=1, engine="BLENDER_EEVEE")
+    scene.eevee.use_raytracing, scene.eevee.use_fast_gi = True, False
     # Behind the glass; turned away it mirrors what is beside.
     bpy.ops.mesh.primitive_plane_add(size=0.16, location=(0.0, 0.2, 0.06))
     mirror = bpy.context.object
     mirror.rotation_euler = (np.pi / 2, 0.0, turn)
-    material = bpy.data.materials.new("Mirror")
-    node = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
-    node.inputs["Metallic"].default_value, node.inputs["Roughness"].default_value = metallic, 0.1
-    mirror.data.materials.append(material)
+    _polished(mirror, metallic)
     scenes.glass(shape="CYLINDER")
     scenes.picture(scene, tmp_path)
     assert any('"Plane" mirrors a glass' in line for line in _problems(scene)) == told
+
+
+def _tinted_water():
+    glass = scenes.glass(shape="TUMBLER", liquid_level=0.06, contents_ior=1.333)
+    for name, colour in (("", (0.5, 0.9, 0.7, 1.0)), ("Contents ", (0.9, 0.3, 0.2, 1.0))):
+        write_input(glass_modifier(glass), f"{name}Absorption Color", colour)
+
+
+def _mirrored_mesh():
+    """A solid of uneven and mirrored scale, turned."""
+    bpy.ops.mesh.primitive_cylinder_add(radius=0.02, depth=0.05, vertices=24)
+    obj = bpy.context.object
+    bpy.ops.object.refractive_glass_modifier_add()
+    obj.location, obj.scale, obj.rotation_euler = (0.0, 0.0, 0.05), (-2.0, 1.5, 1.6), (0.3, 0.2, 0)
+
+
+@pytest.mark.parametrize("make", [_tinted_water, _mirrored_mesh])
+def test_mirrors_show_glasses_as_in_cycles(tmp_path, make):
+    """A polished floor before a glass, which is beside the glass's own picture."""
+    scenes.camera(location=(0.0, -0.35, 0.16), tilt=np.pi / 2 * 0.68)
+    scene = _scene(samples=48)
+    _wall(stripes=12)
+    _world((0.2, 0.3, 0.4))
+    bpy.ops.mesh.primitive_plane_add(size=0.5, location=(0.0, 0.0, -0.001))
+    floor = bpy.context.object
+    _polished(floor)
+    make()
+    found = scenes.picture(scene, tmp_path)
+    assert not _problems(scene)
+    beside = ~_covered(scene)
+    wanted = _reference(scene, 64)
+    off = _psnr(found, wanted, beside)
+    print(f"{off:.1f} dB beside")
+    assert off > 34.0
+    counted = counters["mirrored"]
+    scenes.picture(scene, tmp_path, "again")
+    assert counters["mirrored"] == counted
+    # Nothing that mirrors, so nothing to show.
+    floor.hide_render = True
+    scenes.picture(scene, tmp_path, "matte")
+    held = [o for o in bpy.data.objects if o.get("refractive_glass") == "mirrored"]
+    assert [len(o.data.vertices) for o in held] == [0]
+    scene.refractive_glass.enabled = False
+    scenes.picture(scene, tmp_path, "off")
+    assert not [o for o in bpy.data.objects if o.get("refractive_glass") == "mirrored"]
 
 
 def _asking(kind, output):

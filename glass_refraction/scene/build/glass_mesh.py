@@ -17,10 +17,10 @@ from functools import singledispatch
 import bpy
 import numpy as np
 
-from ..optics import CylinderGlass, FlatGlass, SphereGlass
-from ..optics.axial import AxialGlass
-from ..optics.bodies import Tube
-from ..optics.surfaces import Cylinder, Plane, anticlockwise
+from ...optics import CylinderGlass, FlatGlass, SphereGlass
+from ...optics.axial import AxialGlass
+from ...optics.bodies import Tube
+from ...optics.surfaces import Cylinder, Plane, anticlockwise
 
 # Facets round a full circle. A chord misses its arc by r * (pi / segments)**2 / 2: 1.2e-6 r for the
 # cylinder, 1.9e-5 r for the sphere, whose number of faces grows with the square.
@@ -57,6 +57,21 @@ class Surface:
     ior_inside: float
     ior_outside: float
     media: tuple[int, int] | None = None
+
+    def moved(self, matrix: np.ndarray) -> Surface:
+        """The same interface moved by a matrix (4, 4) that has an inverse."""
+        linear = matrix[:3, :3]
+        normals = self.normals @ np.linalg.inv(linear)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        # A mirror image would be inside out.
+        turn = slice(None, None, -1 if np.linalg.det(linear) < 0.0 else 1)
+        return replace(
+            self,
+            vertices=self.vertices @ linear.T + matrix[:3, 3],
+            corners=self.corners[turn],
+            sizes=self.sizes[turn],
+            normals=normals[turn],
+        )
 
     def flipped(self) -> Surface:
         """The same interface, its normals on the other side."""
@@ -110,6 +125,21 @@ def glass_surfaces(
 def _surfaces(glass, segments: int | None, reach: float) -> tuple[Surface, ...]:
     """What `glass_surfaces` returns; a shape registers its own."""
     raise TypeError(f"no mesh for a glass of type {type(glass).__name__}")
+
+
+FILM = 2e-5
+"""Part by which real glass is smaller: where it touches a thing there is a film of air."""
+
+
+def film(points: np.ndarray) -> np.ndarray:
+    """(4, 4): shrinks a mesh's points (N, 3) towards the middle of their box, by `FILM`.
+
+    A path tracer meets either of two faces in one place; True shading has a film of air there.
+    """
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0)).astype(float)
+    matrix = np.diag((1.0 - FILM,) * 3 + (1.0,))
+    matrix[:3, 3] = FILM * middle
+    return matrix
 
 
 def fill_mesh(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:

@@ -13,7 +13,7 @@ from glass_refraction.optics import (
     SphereGlass,
     Tumbler,
 )
-from glass_refraction.reference.glass_mesh import glass_surfaces
+from glass_refraction.scene.build.glass_mesh import glass_surfaces
 
 ANGLE = np.arange(10) * np.pi / 5
 STAR = (

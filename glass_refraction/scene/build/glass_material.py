@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Real glass as a material of Cycles, for meshes of which each face is one interface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import bpy
+
+from .shaders import math_node
+
+SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefraction"}
+
+Value = float | bpy.types.NodeSocket
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What an interface's material depends on: numbers, or sockets that tell them of a face.
+
+    Attributes
+    ----------
+    eta : how many times as dense its back is as its front.
+    absorption : coefficients (red, green, blue, per metre) of the media at its front and back, or
+        None where both are clear.
+    roughness, colour : of the surface.
+    """
+
+    eta: Value
+    absorption: tuple[Sequence[Value], Sequence[Value]] | None = None
+    roughness: Value = 0.0
+    colour: Sequence[Value] = (1.0, 1.0, 1.0)
+
+
+def glass_shader(
+    tree: bpy.types.NodeTree, interface: Interface, surface: str = "GLASS"
+) -> bpy.types.ShaderNode:
+    """Add a shader of glass to a tree. ``surface``: a key of `SURFACES`.
+
+    What a ray lost on its way to the surface, it loses there.
+    """
+    shader = tree.nodes.new(SURFACES[surface])
+    _give(tree, interface.eta, shader.inputs["IOR"])
+    _give(tree, interface.roughness, shader.inputs["Roughness"])
+    colour = interface.colour
+    if interface.absorption is not None:
+        colour = _left_over(tree, *interface.absorption, colour)
+    join = tree.nodes.new("ShaderNodeCombineColor")
+    for channel in range(3):
+        _give(tree, colour[channel], join.inputs[channel])
+    tree.links.new(join.outputs["Color"], shader.inputs["Color"])
+    return shader
+
+
+def _give(tree: bpy.types.NodeTree, value: Value, target: bpy.types.NodeSocket) -> None:
+    if isinstance(value, bpy.types.NodeSocket):
+        tree.links.new(value, target)
+    else:
+        target.default_value = value
+
+
+def _left_over(
+    tree: bpy.types.NodeTree,
+    before: Sequence[Value],
+    behind: Sequence[Value],
+    colour: Sequence[Value],
+) -> list[bpy.types.NodeSocket]:
+    """Beer and Lambert's law for the way since the last surface, without a volume's noise.
+
+    What is left is multiplied by the surface's colour. Ways that end at a thing within the glass
+    meet no further surface of it: their last stretch is not tinted.
+    """
+    backfacing = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
+    length = tree.nodes.new("ShaderNodeLightPath").outputs["Ray Length"]
+    way, found = math_node(tree, "MULTIPLY", length, -1.0), []
+    for front, back, part in zip(before, behind, colour, strict=True):
+        more = math_node(tree, "SUBTRACT", back, front)
+        # A ray that meets the back comes through what is behind.
+        coefficient = math_node(tree, "MULTIPLY_ADD", backfacing, more, front)
+        depth = math_node(tree, "MULTIPLY", coefficient, way)
+        found.append(math_node(tree, "MULTIPLY", math_node(tree, "EXPONENT", depth), part))
+    return found

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Glasses as mirrors show them, in Cycles: real glass, which cameras do not see.
+
+The engine renders the picture without glasses, so a polished floor would show none. Each glass's
+modifier instances an own object, which only mirrored and refracted rays meet. What that object is
+of is a frame's: nothing, where no mirror shows a glass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import bpy
+import numpy as np
+
+from ..memory import counters
+from ..names import TAG, hidden_name, own
+from ..read.glasses import Glass, glass_modifier
+from ..read.modifier_inputs import has_input, read_input, write_input
+from .glass_material import Interface, glass_shader
+from .glass_mesh import Surface, fill_mesh, film, glass_surfaces
+from .own_scenes import new_collection, new_object, remove_objects, show_only, synchronise
+from .shaders import math_node
+
+MIRRORED = "mirrored"
+"""Role of the objects and of their material."""
+INPUT = "In Mirrors"
+"""Of the glass's modifier: the object that is instanced."""
+SEGMENTS = 256
+"""Facets round a full circle: mirror images are small, and normals are exact."""
+_GLASS = "refractive_glass_of"
+"""Property of an own object: session uid of its glass."""
+_MET_BY = {"glossy": True, "transmission": True}
+_ETA, _ROUGHNESS, _COLOUR, _BEFORE, _BEHIND = (
+    f"rg_{name}" for name in ("eta", "roughness", "colour", "before", "behind")
+)
+"""Attributes of faces: fields of `Interface`."""
+
+
+def prepare_mirrored(
+    scene: bpy.types.Scene, cast: bpy.types.Scene, glasses: Iterable[bpy.types.Object]
+) -> None:
+    """Have each glass instance an own object, if the scene's engine is Cycles.
+
+    Parameters
+    ----------
+    cast : the own scene that holds them; it shows none. glasses : objects that can be written.
+    """
+    collection = _collection(cast)
+    if collection is None:
+        collection = new_collection(MIRRORED, cast)
+    wanted = {}
+    if scene.render.engine == "CYCLES":
+        wanted = {g.session_uid: g for g in glasses if has_input(glass_modifier(g), INPUT)}
+    standing = {obj[_GLASS]: obj for obj in collection.objects}
+    remove_objects([obj for uid, obj in standing.items() if uid not in wanted])
+    for uid, glass in wanted.items():
+        obj = standing.get(uid) or _new(collection, glass)
+        write_input(glass_modifier(glass), INPUT, obj)
+    shown = [c for c in cast.collection.children if c != collection]
+    for layer in cast.view_layers:
+        show_only(layer, *shown)
+        synchronise(layer)
+
+
+def _collection(cast: bpy.types.Scene) -> bpy.types.Collection | None:
+    return next((c for c in cast.collection.children if own(c, MIRRORED)), None)
+
+
+def _new(collection: bpy.types.Collection, glass: bpy.types.Object) -> bpy.types.Object:
+    mesh = bpy.data.meshes.new(hidden_name(MIRRORED, glass.name))
+    obj = new_object(MIRRORED, mesh, collection, glass.name)
+    obj[_GLASS] = glass.session_uid
+    mesh.materials.append(_material())
+    for kind in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(obj, f"visible_{kind}", _MET_BY.get(kind, False))
+    return obj
+
+
+def _material() -> bpy.types.Material:
+    """Glass whose faces tell what they are; rays of light that something scattered pass it.
+
+    A matte surface's light is followed by the extension itself, without noise.
+    """
+    found = next((m for m in bpy.data.materials if own(m, MIRRORED) and not m.library), None)
+    if found is not None:
+        return found
+    material = bpy.data.materials.new(hidden_name(MIRRORED))
+    material[TAG] = MIRRORED
+    tree = material.node_tree
+    tree.nodes.clear()
+
+    def parts(name: str) -> Sequence[bpy.types.NodeSocket]:
+        split = tree.nodes.new("ShaderNodeSeparateXYZ")
+        tree.links.new(_attribute(tree, name).outputs["Vector"], split.inputs[0])
+        return split.outputs
+
+    interface = Interface(
+        _attribute(tree, _ETA).outputs["Factor"],
+        (parts(_BEFORE), parts(_BEHIND)),
+        _attribute(tree, _ROUGHNESS).outputs["Factor"],
+        parts(_COLOUR),
+    )
+    shader = glass_shader(tree, interface)
+    depth = tree.nodes.new("ShaderNodeLightPath").outputs["Diffuse Depth"]
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    tree.links.new(math_node(tree, "LESS_THAN", depth, 0.5), mix.inputs[0])
+    tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
+    tree.links.new(shader.outputs[0], mix.inputs[2])
+    end = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(mix.outputs[0], end.inputs["Surface"])
+    return material
+
+
+def _attribute(tree: bpy.types.NodeTree, name: str) -> bpy.types.ShaderNode:
+    node = tree.nodes.new("ShaderNodeAttribute")
+    node.attribute_name = name
+    return node
+
+
+def write_mirrored(
+    cast: bpy.types.Scene,
+    glasses: Sequence[Glass],
+    places: dict[str, np.ndarray],
+    known: dict[int, tuple],
+) -> set[str]:
+    """Make the own objects of these glasses real glass, and those of all others nothing.
+
+    Parameters
+    ----------
+    places : name -> (4, 4) of the object that is that glass, in the world; of those that stand
+        there themselves.
+    known : session uid of an own object -> stamp of what it holds; written.
+
+    Returns
+    -------
+    The names of the glasses that have such an object.
+    """
+    # Objects come before their instances.
+    by_name = {glass.name: glass for glass in reversed(glasses) if glass.name in places}
+    found = set()
+    collection = _collection(cast)
+    for obj in collection.objects if collection is not None else ():
+        source = next((o for o in bpy.data.objects if o.session_uid == obj[_GLASS]), None)
+        glass = by_name.get(source.name) if source is not None else None
+        stamp = ()
+        if glass is not None:
+            found.add(glass.name)
+            stamp = (glass.stamp(), places[glass.name].tobytes())
+        if known.get(obj.session_uid, None if obj.data.vertices else ()) == stamp:
+            continue
+        counters["mirrored"] += 1
+        known[obj.session_uid] = stamp
+        obj.data.clear_geometry()
+        if glass is not None:
+            _fill(obj.data, glass, np.linalg.inv(places[glass.name]))
+        obj.data.update()
+    return found
+
+
+def _fill(mesh: bpy.types.Mesh, glass: Glass, to_local: np.ndarray) -> None:
+    """Put a glass's interfaces into an empty mesh, each face with what it is."""
+    surfaces = _surfaces(glass)
+    points = np.concatenate([surface.vertices for surface in surfaces])
+    matrix = to_local @ glass.to_world @ film(points)
+    fill_mesh(mesh, [surface.moved(matrix) for surface in surfaces])
+    faces, look = [len(surface.sizes) for surface in surfaces], glass.description
+    tints = np.array(glass.absorption if glass.is_tinted else ((0.0,) * 3,) * len(look.media))
+    before, behind = (tints[[s.media[side] for s in surfaces]] for side in (0, 1))
+    roughness, colour = (look.roughness, look.refracted) if glass.is_mesh else (0.0, (1.0,) * 3)
+    eta = np.array([surface.ior_inside / surface.ior_outside for surface in surfaces])
+    for name, kind, field, values in (
+        (_ETA, "FLOAT", "value", eta),
+        (_ROUGHNESS, "FLOAT", "value", np.full(len(faces), roughness)),
+        (_COLOUR, "FLOAT_VECTOR", "vector", np.tile(colour, (len(faces), 1))),
+        (_BEFORE, "FLOAT_VECTOR", "vector", before),
+        (_BEHIND, "FLOAT_VECTOR", "vector", behind),
+    ):
+        attribute = mesh.attributes.new(name, kind, "FACE")
+        attribute.data.foreach_set(field, np.repeat(values, faces, axis=0).astype("f4").ravel())
+
+
+def _surfaces(glass: Glass) -> Sequence[Surface]:
+    if not glass.is_mesh:
+        return glass_surfaces(glass.description, segments=SEGMENTS)
+    mesh = glass.description
+    count = 3 * len(mesh.points)
+    return [
+        Surface(
+            name=glass.name,
+            vertices=mesh.points.reshape(-1, 3),
+            corners=np.arange(count),
+            sizes=np.full(len(mesh.points), 3),
+            normals=mesh.normals.reshape(-1, 3),
+            ior_inside=mesh.ior,
+            ior_outside=1.0,
+            media=(0, 1),
+        )
+    ]
+
+
+def remove_mirrored(cast: bpy.types.Scene) -> None:
+    """Let go of what glasses instance; the own scene takes the objects along."""
+    for obj in bpy.data.objects:
+        modifier = glass_modifier(obj) if obj.type == "MESH" and obj.is_editable else None
+        if modifier is None or not has_input(modifier, INPUT):
+            continue
+        held = read_input(modifier, INPUT)
+        if own(held, MIRRORED) and cast in held.users_scene:
+            write_input(modifier, INPUT, None)
