@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Glasses as mirrors show them, in Cycles: real glass, which cameras do not see.
+"""Glasses as mirrors and windows show them, in Cycles: real glass, which cameras do not see.
 
-The engine renders the picture without glasses, so a polished floor would show none. Each glass's
-modifier instances an own object, which only mirrored and refracted rays meet. What that object is
-of is a frame's: nothing, where no mirror shows a glass.
+The engine renders the picture without glasses, so a polished floor would show none, nor would a
+window before them that is of the engine's own glass. Each glass's modifier instances an own object,
+which only mirrored and refracted rays meet. What that object is of is a frame's: nothing, where no
+mirror and no window shows a glass.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ SEGMENTS = 256
 _GLASS = "refractive_glass_of"
 """Property of an own object: session uid of its glass."""
 _MET_BY = {"glossy": True, "transmission": True}
-_ETA, _ROUGHNESS, _COLOUR, _BEFORE, _BEHIND = (
-    f"rg_{name}" for name in ("eta", "roughness", "colour", "before", "behind")
+_ETA, _ROUGHNESS, _COLOUR, _BEFORE, _BEHIND, _THROUGH = (
+    f"rg_{name}" for name in ("eta", "roughness", "colour", "before", "behind", "through")
 )
-"""Attributes of faces: fields of `Interface`."""
+"""Attributes of faces: fields of `Interface`, and whether refracted rays meet them."""
 
 
 def prepare_mirrored(
@@ -102,9 +103,15 @@ def _material() -> bpy.types.Material:
         parts(_COLOUR),
     )
     shader = glass_shader(tree, interface)
-    depth = tree.nodes.new("ShaderNodeLightPath").outputs["Diffuse Depth"]
+    ray = tree.nodes.new("ShaderNodeLightPath").outputs
+    through = _attribute(tree, _THROUGH).outputs["Factor"]
+    refracted = math_node(tree, "MULTIPLY", ray["Transmission Depth"], through)
+    images = math_node(tree, "MAXIMUM", ray["Glossy Depth"], refracted)
+    seen = math_node(
+        tree, "GREATER_THAN", images, math_node(tree, "MULTIPLY", ray["Diffuse Depth"], 1e3)
+    )
     mix = tree.nodes.new("ShaderNodeMixShader")
-    tree.links.new(math_node(tree, "LESS_THAN", depth, 0.5), mix.inputs[0])
+    tree.links.new(seen, mix.inputs[0])
     tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
     tree.links.new(shader.outputs[0], mix.inputs[2])
     end = tree.nodes.new("ShaderNodeOutputMaterial")
@@ -123,6 +130,8 @@ def write_mirrored(
     glasses: Sequence[Glass],
     places: dict[str, np.ndarray],
     known: dict[int, tuple],
+    *,
+    through: bool,
 ) -> set[str]:
     """Make the own objects of these glasses real glass, and those of all others nothing.
 
@@ -131,10 +140,11 @@ def write_mirrored(
     places : name -> (4, 4) of the object that is that glass, in the world; of those that stand
         there themselves.
     known : session uid of an own object -> stamp of what it holds; written.
+    through : rays meet it that other glass has refracted, beside those that were mirrored.
 
     Returns
     -------
-    The names of the glasses that have such an object.
+    The names of the glasses in these places that have such an object.
     """
     # Objects come before their instances.
     by_name = {glass.name: glass for glass in reversed(glasses) if glass.name in places}
@@ -142,23 +152,25 @@ def write_mirrored(
     collection = _collection(cast)
     for obj in collection.objects if collection is not None else ():
         source = next((o for o in bpy.data.objects if o.session_uid == obj[_GLASS]), None)
-        glass = by_name.get(source.name) if source is not None else None
-        stamp = ()
+        if source is None:
+            continue
+        if source.name in places:
+            found.add(source.name)
+        glass, stamp = by_name.get(source.name), ()
         if glass is not None:
-            found.add(glass.name)
-            stamp = (glass.stamp(), places[glass.name].tobytes())
+            stamp = (glass.stamp(), places[glass.name].tobytes(), through)
         if known.get(obj.session_uid, None if obj.data.vertices else ()) == stamp:
             continue
         counters["mirrored"] += 1
         known[obj.session_uid] = stamp
         obj.data.clear_geometry()
         if glass is not None:
-            _fill(obj.data, glass, np.linalg.inv(places[glass.name]))
+            _fill(obj.data, glass, np.linalg.inv(places[glass.name]), through)
         obj.data.update()
     return found
 
 
-def _fill(mesh: bpy.types.Mesh, glass: Glass, to_local: np.ndarray) -> None:
+def _fill(mesh: bpy.types.Mesh, glass: Glass, to_local: np.ndarray, through: bool) -> None:
     """Put a glass's interfaces into an empty mesh, each face with what it is."""
     surfaces = _surfaces(glass)
     points = np.concatenate([surface.vertices for surface in surfaces])
@@ -172,6 +184,7 @@ def _fill(mesh: bpy.types.Mesh, glass: Glass, to_local: np.ndarray) -> None:
     for name, kind, field, values in (
         (_ETA, "FLOAT", "value", eta),
         (_ROUGHNESS, "FLOAT", "value", np.full(len(faces), roughness)),
+        (_THROUGH, "FLOAT", "value", np.full(len(faces), float(through))),
         (_COLOUR, "FLOAT_VECTOR", "vector", np.tile(colour, (len(faces), 1))),
         (_BEFORE, "FLOAT_VECTOR", "vector", before),
         (_BEHIND, "FLOAT_VECTOR", "vector", behind),

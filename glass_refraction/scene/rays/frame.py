@@ -47,6 +47,7 @@ from .hits import (
     place_skies,
     show,
 )
+from .looks import Clear
 from .meshes import GlassMeshes
 from .mirrors import mirrors_of, veils_of
 from .radiance import Clamp, Lookups, stand_ins
@@ -140,7 +141,8 @@ class FrameResult:
     weights : (K,) without tints, of the same samples.
     spread, known, known_alpha : see :mod:`sum_tree`.
     light : of each view, what white matte surfaces show more; none without `FrameInput.light`.
-    mirrors, veils : see :func:`mirrors.mirrors_of` and :func:`mirrors.veils_of`.
+    mirrors : see :func:`mirrors.mirrors_of`. windows, veils : see :func:`mirrors.veils_of`, of
+        what refracts and of what does not.
     reports : of each view. unseen : part of the hits' light that no view shows.
     rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     """
@@ -161,6 +163,7 @@ class FrameResult:
     covered: int
     light: tuple[np.ndarray, ...] = ()
     mirrors: dict[str, float] = field(default_factory=dict)
+    windows: dict[str, float] = field(default_factory=dict)
     veils: dict[str, float] = field(default_factory=dict)
 
 
@@ -215,7 +218,8 @@ def compute(
     if bodies and frame.engine != "BLENDER_WORKBENCH":
         sides = np.array([(box.min(axis=0), box.max(axis=0)) for box in boxes])
         mirrors = mirrors_of(scene, direct, sides) if frame.mirrors else {}
-        result = replace(result, mirrors=mirrors, veils=veils_of(scene, direct, sides))
+        windows, veils = (veils_of(scene, direct, sides, kind) for kind in Clear)
+        result = replace(result, mirrors=mirrors, windows=windows, veils=veils)
     if frame.light is None:
         return result
     sigma = filter_sigma(frame.engine, frame.filter_size)

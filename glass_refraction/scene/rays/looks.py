@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import bpy
 import numpy as np
@@ -30,6 +31,13 @@ DIELECTRIC = 0.04
 """Reflectance of a surface of ior 1.5 that is seen squarely."""
 
 
+class Clear(Enum):
+    """How other things are seen through a surface."""
+
+    GLASS = "by rays that it refracts"
+    ALPHA = "by rays that go straight on"
+
+
 @dataclass(frozen=True)
 class Look:
     """A surface's colours.
@@ -48,7 +56,7 @@ class Look:
     is_of_cameras : light that comes through glass meets it otherwise, by *Light Path*: views
         show it so behind a pane.
     is_of_paths : and otherwise than behind a pane.
-    is_clear : other things are seen through it.
+    clear : how other things are seen through it; None: not at all, or nobody knows.
     is_mirror : other things are seen in it.
     reflectance : part of the light that it mirrors where it is seen squarely.
     faces : 1: it is there on the side of its normals only; −1: on the other; 0: on both.
@@ -69,7 +77,7 @@ class Look:
     is_uncaptured: bool = False
     is_of_cameras: bool = False
     is_of_paths: bool = False
-    is_clear: bool = False
+    clear: Clear | None = None
     is_mirror: bool = False
     reflectance: float = DIELECTRIC
     factors: tuple[float, float] = (1.0, 1.0)
@@ -104,7 +112,7 @@ def look_of(material: bpy.types.Material | None) -> Look:
     return replace(
         look,
         is_glossy=look.is_glossy or _is_glossy(tree),
-        is_clear=any(_is_clear(node) for node in _nodes(tree)),
+        clear=next(filter(None, map(_clear, _nodes(tree))), None),
         is_uncaptured=_asks_for_camera(tree),
         is_of_cameras=asks_for(tree, "LIGHT_PATH", TOLD_APART),
         is_of_paths=asks_for(tree, "LIGHT_PATH", TOLD_APART - OF_CAMERAS),
@@ -120,12 +128,19 @@ def _is_glossy(tree: bpy.types.NodeTree | None) -> bool:
     )
 
 
-def _is_clear(node: bpy.types.Node) -> bool:
-    """Whether a shader surely lets light through: what is linked may be anything."""
+def _clear(node: bpy.types.Node) -> Clear | None:
+    """How a shader surely lets light through: what is linked may be anything."""
+    if node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}:
+        return Clear.GLASS
     if node.type != "BSDF_PRINCIPLED":
-        return node.type in {"BSDF_GLASS", "BSDF_REFRACTION"}
-    inputs = ((node.inputs["Transmission Weight"], 0.0), (node.inputs["Alpha"], 1.0))
-    return any(not value.is_linked and value.default_value != solid for value, solid in inputs)
+        return None
+    for name, solid, clear in (
+        ("Alpha", 1.0, Clear.ALPHA),
+        ("Transmission Weight", 0.0, Clear.GLASS),
+    ):
+        if not node.inputs[name].is_linked and node.inputs[name].default_value != solid:
+            return clear
+    return None
 
 
 def _nodes(tree: bpy.types.NodeTree | None) -> Iterator[bpy.types.Node]:

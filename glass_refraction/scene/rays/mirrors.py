@@ -8,6 +8,7 @@ import numpy as np
 from ...optics import reflect
 from ...optics.exit_rays import meets_boxes
 from .hits import SKIN, Scene
+from .looks import Clear
 from .views import RadianceView
 
 LOOKED = 64
@@ -48,13 +49,14 @@ def mirrors_of(scene: Scene, view: RadianceView, boxes: np.ndarray) -> dict[str,
     return found
 
 
-def veils_of(scene: Scene, view: RadianceView, boxes: np.ndarray) -> dict[str, float]:
+def veils_of(scene: Scene, view: RadianceView, boxes: np.ndarray, kind: Clear) -> dict[str, float]:
     """Part of the picture in which glasses are behind what is seen through, by the owner of that.
 
-    Arguments as of `mirrors_of`. What a material cuts out is no veil: rays pass its holes.
+    Arguments as of `mirrors_of`; ``kind`` of what is seen through. What a material cuts out is no
+    veil: rays pass its holes.
     """
     looks, things = scene.things.looks, scene.things
-    clear = [look.is_clear and look.cutout is None and not look.faces for look in looks]
+    clear = [look.clear is kind and look.cutout is None and not look.faces for look in looks]
     if not any(clear):
         return {}
     origins, directions = _looked(view)

@@ -300,16 +300,18 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
         "in the glass as behind a pane"
         for owner in dict.fromkeys(owner for owner, look in looks if look.is_of_paths)
     ]
-    if not _are_mirrored(scene, depsgraph, read, result):
+    veils = dict(result.veils)
+    if not _show_real(scene, depsgraph, read, result):
         problems += [
             f'"{owner}" mirrors a glass, and what mirrors show is rendered without glasses'
             for owner, share in result.mirrors.items()
             if share > TOLD_MIRRORED
         ]
+        veils |= result.windows
     problems += [
         f'"{owner}" is before a glass and is seen through, but without that glass behind it: '
         "if it is glass, make it one"
-        for owner, share in result.veils.items()
+        for owner, share in veils.items()
         if share > TOLD_VEILED
     ]
     status = Status(
@@ -326,19 +328,22 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     return status
 
 
-def _are_mirrored(
+def _show_real(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, read: FrameInput, result: FrameResult
 ) -> bool:
-    """Have mirrors show the glasses, where there is one, and tell whether they show all."""
-    glasses = read.glasses if result.mirrors else ()
+    """Have the engine's mirrors and windows show the glasses, and tell whether they show all."""
+    # Before a capture that looks through a pane, as through a window, would stand the glass.
+    through = not any(camera is not None and camera.is_paned for camera in result.cameras)
+    is_asked = result.mirrors or (result.windows and through)
+    glasses = read.glasses if is_asked else ()
     places = {
         obj.name: np.array(obj.evaluated_get(depsgraph).matrix_world, float)
         for obj in glass_objects(rendered_layer(scene), ever=True)
         if is_shown(obj, depsgraph)
     }
     cast = find_own_scenes(scene, (CAST,))[0]
-    found = write_mirrored(cast, glasses, places, memory_of(scene).mirrored)
-    return found == {glass.name for glass in glasses}
+    found = write_mirrored(cast, glasses, places, memory_of(scene).mirrored, through=through)
+    return {glass.name for glass in read.glasses} <= found and (through or not result.windows)
 
 
 def _blurred(scene: bpy.types.Scene) -> list[str]:
