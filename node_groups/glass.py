@@ -272,17 +272,18 @@ def _interface(b: TreeBuilder) -> None:
         description="Set by the extension: rendered as a mesh only while the refraction is off",
     )
     b.socket(
-        "In Mirrors",
-        "Object",
-        hidden=True,
-        description="Set by the extension: what mirrors show of the glass in Cycles",
-    )
-    b.socket(
         "Edges in Viewport",
         "Bool",
         default=False,
         hidden=True,
         description="Set by the extension while a viewport draws what is seen through the glass",
+    )
+    # The last: files know inputs by the order in which they were made.
+    b.socket(
+        "In Mirrors",
+        "Object",
+        hidden=True,
+        description="Set by the extension: what mirrors and windows show of the glass in Cycles",
     )
 
 
