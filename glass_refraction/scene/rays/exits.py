@@ -31,6 +31,8 @@ STEADY_PX = 1.5
 """Between the hits of neighbouring pixels, in a view's pixels: so far one ray a pixel is enough."""
 END = 0.35
 """What light that ends counts: an outline is smooth with few rays."""
+BRIGHTEST = 2.0
+"""Light of a white pixel: what shines brighter counts no more where it ends, for all is white."""
 STRETCH = 0.085
 """What each pixel beyond counts, times the way's part of the light, beside light that ends."""
 MOST_STRETCHED_PX = 12.0
@@ -358,16 +360,23 @@ class Endings:
 
 
 def ending(
-    rays: PictureRays, beside: Neighbours, shown: Shown, label: np.ndarray, size: tuple[int, int]
+    rays: PictureRays,
+    beside: Neighbours,
+    shown: Shown,
+    label: np.ndarray,
+    size: tuple[int, int],
+    radiance: np.ndarray | float = 1.0,
 ) -> Endings:
     """Where ways end.
 
     Parameters
     ----------
     rays : one ray a pixel. label : (K,) what their ways meet; where another begins, a way ends.
+    radiance : (K,) of what they meet, as far as it is known to be brighter than white.
     """
     width, height = size
     ways, pixel = rays.ways, beside.pixel
+    bright = np.maximum(ways.weight, np.minimum(ways.weight * radiance, BRIGHTEST))
     way, beyond = np.zeros(len(ways)), np.zeros(width * height)
     x, y = np.ascontiguousarray(shown.pixels.T)
     stretched, runs_on = np.zeros(len(ways)), ~ways.rough
@@ -376,7 +385,7 @@ def ending(
         for sign, partner, there in zip((1, -1), (ahead, behind), beside.inner[axis], strict=True):
             ends = np.flatnonzero(there & (partner < 0))
             runs_on[ends] = False
-            light = END * ways.weight[ends]
+            light = END * bright[ends]
             way[ends] = np.maximum(way[ends], light)
             np.maximum.at(beyond, pixel[ends] + sign * step, light)
         a = np.flatnonzero(ahead >= 0)
@@ -387,7 +396,7 @@ def ending(
         looked_up = ~other_view & (shown.view[a] >= 0)
         stretch = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
         # Elsewhere nothing has filtered what lies between the two.
-        ended = weight * (END * (~looked_up & (other_view | other)))
+        ended = np.maximum(bright[a], bright[b]) * (END * (~looked_up & (other_view | other)))
         stretch *= weight * looked_up
         uneven = np.abs(ways.weight[a] - ways.weight[b]) > MOST_UNEVEN * weight
         for some in (a, b):

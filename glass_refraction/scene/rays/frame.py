@@ -318,7 +318,9 @@ def _followed(
     skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
-    ends = ending(coarse, beside, shown, frame.things.surfaces(coarse.ways.triangle), view.size)
+    surface = frame.things.surfaces(coarse.ways.triangle)
+    shining = np.array([*(max(1.0, *look.radiance) for look in frame.things.looks), 1.0])
+    ends = ending(coarse, beside, shown, surface, view.size, frame.exposure * shining[surface])
     # A way's end may lie in the next pixel, which a cropped picture need not hold.
     drawn = np.zeros(len(ends.pixel), bool)
     drawn[grid([frame.region], view.size)] = True

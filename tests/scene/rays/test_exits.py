@@ -11,6 +11,7 @@ import scenes
 
 from glass_refraction import optics
 from glass_refraction.scene.rays.exits import (
+    BRIGHTEST,
     FINER,
     LATTICE,
     Endings,
@@ -383,6 +384,10 @@ def test_where_all_is_smooth_nothing_ends():
     rough = ends.pixel.reshape(SIZE[::-1])
     assert (rough[:, 29:31] > 0.2).all()
     assert not np.delete(rough, (29, 30), axis=1).any()
+    # What shines counts as what is seen of it, up to a limit; darker things as before.
+    for radiance, times in ((0.1, 1.0), (1.5, 1.5), (1e6, BRIGHTEST)):
+        bright = ending(rays, beside, shown, label, SIZE, np.where(label, radiance, 1.0))
+        np.testing.assert_allclose(bright.pixel, times * ends.pixel)
 
 
 def _magnified(factor, bend=0.0):
