@@ -385,7 +385,6 @@ def follow(
             here = np.flatnonzero(met == number)
             if interface.opaque or not len(here):
                 continue
-            back = interface.back == group.medium
             beyond = interface.beyond(group.medium)
             part, ways = group.take(here), way[here]
             rays = part.rays
@@ -399,7 +398,7 @@ def follow(
                 if keep is None:
                     continue
                 gain = None if event == "R" else glass.media[beyond] ** 2 - ior**2
-                after, possible = interface.surface.pass_by(rays, ways, back, gain, spot)
+                after, possible = interface.surface.pass_by(rays, ways, gain, spot)
                 keep = np.flatnonzero(keep & possible)
                 if len(keep):
                     medium = group.medium if event == "R" else beyond

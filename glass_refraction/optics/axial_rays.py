@@ -150,7 +150,7 @@ class Passage:
             for number, stage in enumerate(self.stages[:stretch]):
                 way, ahead, mark = self._meet(number, rays, unknowns, marks)
                 spot = None if mark is None else mark[1]
-                rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain, spot)
+                rays, possible = stage.surface.pass_by(rays, way, stage.gain, spot)
                 exists = exists & ahead & possible
                 seen.append(mark)
         return rays, exists, seen
@@ -176,7 +176,7 @@ class Passage:
                 ways.append(way)
                 lengths.append(lengths[-1] + way * self.glass.media[self.media[number]])
             before = rays
-            rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain, spot)
+            rays, possible = stage.surface.pass_by(rays, way, stage.gain, spot)
             exists = exists & ahead & possible
             if not np.all(exists):
                 # What does not exist stays where it was: its numbers must not grow.
@@ -202,7 +202,7 @@ class Passage:
                     exists &= stage.surface.within(*unknowns[:3])
                     first = self._from_eye(rays, length)
                     exists &= ~self._hidden(0, first, length / self.ior, exists)
-                rays, possible = stage.surface.pass_by(rays, way, stage.back, stage.gain, spot)
+                rays, possible = stage.surface.pass_by(rays, way, stage.gain, spot)
                 keep = np.flatnonzero(exists & possible)
                 rays, index = rays.take(keep), index[keep]
             free = np.ones(len(index), dtype=bool)

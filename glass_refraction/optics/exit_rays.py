@@ -25,7 +25,7 @@ from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, surface_depths
 from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import HORIZON, Floats, Rays
-from .vectors import LEAST, against, columns, dot, refracted, rotated, units
+from .vectors import LEAST, Columns, against, columns, dot, refracted, rotated, units
 
 TOUCHING = 2.0**-21
 """Relative distance within which two surfaces touch: of the largest coordinate of the place where a
@@ -130,7 +130,7 @@ Meshes that touch each other must be told apart: then each result has a first ax
 
 
 @dataclass
-class _Live:
+class _Live(Columns):
     """Rays on their way, in the world; the last axis counts them.
 
     `depth` has no rows where nothing dims light, `aside` none where no things are looked for.
@@ -160,9 +160,6 @@ class _Live:
     def __len__(self) -> int:
         return len(self.ray)
 
-    def take(self, which) -> _Live:
-        return _Live(*(columns(part, which) for part in vars(self).values()))
-
     @staticmethod
     def join(parts: Sequence[_Live]) -> _Live:
         rows = zip(*(vars(part).values() for part in parts), strict=True)
@@ -170,7 +167,7 @@ class _Live:
 
 
 @dataclass
-class _NextFace:
+class _NextFace(Columns):
     """The next interface of every ray: way to it (inf: none), glass, interface, unit normal (3, L).
 
     `flat`: normals of a mesh's faces, where there are meshes, else (0, L); `normal` then is the
@@ -185,9 +182,6 @@ class _NextFace:
     flat: Floats
     after: NDArray[np.int8]
     leaked: NDArray[np.bool_]
-
-    def take(self, which) -> _NextFace:
-        return _NextFace(*(columns(part, which) for part in vars(self).values()))
 
 
 @dataclass
@@ -629,7 +623,7 @@ class _Followed:
 
 
 @dataclass
-class _Crossing:
+class _Crossing(Columns):
     """What rays cross at an interface; normals (3, L) are unit and against the rays.
 
     `straight`: the medium that holds stays the same. `eta`: ior before over ior behind. `entered`:
@@ -641,9 +635,6 @@ class _Crossing:
     entered: NDArray[np.int16]
     flat: Floats
     normal: Floats
-
-    def take(self, which) -> _Crossing:
-        return _Crossing(*(columns(part, which) for part in vars(self).values()))
 
 
 FACETS = 6
@@ -694,21 +685,16 @@ class _Meeting:
 
 
 @dataclass
-class _Faces:
+class _Faces(Columns):
     """Rays, by `index`, that meet faces of meshes; glass by `number`, unit normals (3, n)."""
 
+    interface = 0
     index: NDArray[np.intp]
     way: Floats
     number: NDArray[np.intp]
     beyond: NDArray[np.int8]
     flat: Floats
     smooth: Floats
-    interface: int = 0
-
-    def take(self, which) -> _Faces:
-        parts = self.index, self.way, self.number, self.beyond
-        flat, smooth = (columns(part, which) for part in (self.flat, self.smooth))
-        return _Faces(*(part[which] for part in parts), flat, smooth)
 
     def within(self, block: slice) -> _Faces:
         """Those of a block of rays, counted from its first."""

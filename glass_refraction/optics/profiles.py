@@ -416,7 +416,7 @@ class Profile:
             best = np.clip(self._inside(best), 0.0, self.count)
         return best
 
-    def pass_by(self, rays: Rays, way, back: bool, gain, mark=None) -> tuple[Rays, Flags]:
+    def pass_by(self, rays: Rays, way, gain, mark=None) -> tuple[Rays, Flags]:
         """As `Cylinder.pass_by`; `mark`: t of the meetings."""
         x, y, z = rays.at(way)
         p = rays.momentum

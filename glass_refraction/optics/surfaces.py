@@ -93,9 +93,7 @@ class Cylinder:
         per = 1.0 / self.radius
         return x * per, y * per, np.zeros_like(x)
 
-    def pass_by(
-        self, rays: Rays, way, back: bool, gain: float | None, mark=None
-    ) -> tuple[Rays, Flags]:
+    def pass_by(self, rays: Rays, way, gain: float | None, mark=None) -> tuple[Rays, Flags]:
         """Rays behind the interface: `gain` = n'² − n² where refracted, None where reflected.
 
         Also which of them are not totally reflected; the others run along the interface. `mark`:
@@ -214,9 +212,7 @@ class Plane:
         none = np.zeros_like(x)
         return none, none, none + 1.0
 
-    def pass_by(
-        self, rays: Rays, way, back: bool, gain: float | None, mark=None
-    ) -> tuple[Rays, Flags]:
+    def pass_by(self, rays: Rays, way, gain: float | None, mark=None) -> tuple[Rays, Flags]:
         px, py, pz = rays.momentum
         x, y, _ = rays.at(way)
         after, turned, possible = behind(pz, gain, 1.0)
@@ -404,9 +400,7 @@ class Side:
         none = np.zeros_like(x)
         return none + ay, none - ax, none
 
-    def pass_by(
-        self, rays: Rays, way, back: bool, gain: float | None, mark=None
-    ) -> tuple[Rays, Flags]:
+    def pass_by(self, rays: Rays, way, gain: float | None, mark=None) -> tuple[Rays, Flags]:
         """As `Cylinder.pass_by`, for rays without slopes."""
         ax, ay = self._along
         px, py, pz = rays.momentum
@@ -438,9 +432,7 @@ class Shell:
         per = 1.0 / self.radius
         return x * per, y * per, z * per
 
-    def pass_by(
-        self, rays: Rays, way, back: bool, gain: float | None, mark=None
-    ) -> tuple[Rays, Flags]:
+    def pass_by(self, rays: Rays, way, gain: float | None, mark=None) -> tuple[Rays, Flags]:
         """As `Cylinder.pass_by`, for rays without slopes."""
         place = rays.at(way)
         before = sum(q * p for q, p in zip(place, rays.momentum, strict=True))

@@ -114,7 +114,8 @@ def prepare(
         # Blender lets no modifier be moved that an overridden object has of its library.
         if obj.override_library is None:
             put_last(obj)
-    view = read_viewpoint(scene, depsgraph)
+    # What it cannot show it says now.
+    read_viewpoint(scene, depsgraph)
     if not can_insert(scene):
         raise RefractiveGlassError(
             f'The compositor tree of scene "{scene.name}" has no Render Layers node of it: add one'
@@ -126,7 +127,7 @@ def prepare(
         memory_of(scene).standing = list(problems)
     else:
         true.remove(scene)
-        displaced.prepare(scene, depsgraph, glasses, view, problems)
+        displaced.prepare(scene, depsgraph, glasses, problems)
     status(scene).problems = problems
     memory_of(scene).made = made_for(scene)
     for obj in glasses:

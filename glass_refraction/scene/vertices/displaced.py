@@ -74,7 +74,6 @@ def prepare(
     scene: bpy.types.Scene,
     depsgraph: bpy.types.Depsgraph,
     glasses: list[bpy.types.Object],
-    view: Viewpoint,
     problems: list[str],
 ) -> None:
     """Make own scenes, copies and the compositor's node group.
