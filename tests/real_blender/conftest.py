@@ -32,6 +32,9 @@ SHADERS = Path(tempfile.gettempdir()) / f"refractive_glass_shaders_{os.getuid()}
 """Where Mesa keeps what it compiled, for all homes and workers: EEVEE alone takes it 20 CPU
 seconds in each Blender that starts without."""
 
+SMALL = (640, 420)
+"""Pixels of Blender's window, at the lower left of the screen: by software each takes its time."""
+
 # Blender itself says "Error" in warnings about libraries that a machine does not have.
 TROUBLE = re.compile(r"Traceback|^Error\b|\w(Error|Exception): |\bcrash|Segmentation", re.M)
 
@@ -88,7 +91,7 @@ class Blender:
         """``blender --command ...``; returns the finished process, whatever its status."""
         return self.run(["command", *arguments], seconds)
 
-    def script(self, name, *arguments, how="run", seconds=600, trouble=TROUBLE):
+    def script(self, name, *arguments, how="run", size=SMALL, seconds=600, trouble=TROUBLE):
         """Run a script of the folder ``inside``; returns what it wrote as ``result.json``.
 
         The script finds a folder for its output as its first argument. Any trace of ``trouble`` in
@@ -98,9 +101,9 @@ class Blender:
         script = shutil.copy(INSIDE / f"{name}.py", output)
         for shared in SHARED:
             shutil.copy(INSIDE / shared, output)
-        found = self.run(
-            [how, "--python-exit-code", 3, "--python", script, "--", output, *arguments], seconds
-        )
+        window = ["--window-geometry", 0, 0, *size] if how == "gui" else []
+        given = ["--python-exit-code", 3, "--python", script, "--", output, *arguments]
+        found = self.run([how, *window, *given], seconds)
         assert found.returncode == 0, found.stdout
         assert not trouble.search(found.stdout), found.stdout
         assert (output / "result.json").is_file(), found.stdout

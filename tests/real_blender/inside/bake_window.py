@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import view_3d, walk
+from windowed import until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 MODULE = "bl_ext.user_default.refractive_glass.glass_refraction"
@@ -33,14 +33,6 @@ def counters():
     return dict(sys.modules[f"{MODULE}.scene.update"].counters)
 
 
-def wait_until(condition, seconds):
-    for _ in range(4 * seconds):
-        if condition():
-            return
-        yield 0.25
-    raise TimeoutError(condition)
-
-
 def invoke(**given):
     with bpy.context.temp_override(**view_3d()):
         return list(bpy.ops.scene.refractive_glass_bake("INVOKE_DEFAULT", **given))
@@ -55,7 +47,7 @@ def rendered(scene, name):
         handlers.append(note)
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.render.render("INVOKE_DEFAULT")
-    yield from wait_until(lambda: ended and not bpy.app.is_job_running("RENDER"), 120)
+    yield from until(lambda: ended and not bpy.app.is_job_running("RENDER"))
     for handlers, note in zip(lists, notes, strict=True):
         handlers.remove(note)
     path = FOLDER / f"{name}.exr"
@@ -67,7 +59,7 @@ def rendered(scene, name):
     result[f"{name}_ended"] = ended
     values = np.empty(len(image.pixels), np.float32)
     image.pixels.foreach_get(values)
-    yield 1
+    yield 0.2
     return values
 
 
@@ -94,20 +86,22 @@ def steps():
         bpy.ops.object.refractive_glass_add(
             shape="CYLINDER", radius=2.0, wall_thickness=0.2, height=3.0, location=(0, 0, -1.5)
         )
-    yield 2
+    yield 0.2
     bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "window.blend"))
     scene.frame_set(3)
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.scene.refractive_glass_update()
-    yield 2
+    yield 0.2
     live = yield from rendered(scene, "live")
 
     result["invoked"] = invoke(frame_start=2, frame_end=5)
-    yield from wait_until(lambda: baked(scene), 60)
+    yield from until(lambda: baked(scene))
     result["baked"] = baked(scene)
     result["frame_after_baking"] = scene.frame_current
+    under_way = sys.modules[f"{MODULE}.scene.bake.playback"].under_way
     # What is still under way belongs to the bake, not to the render.
-    yield 2
+    yield from until(lambda: not under_way)
+    yield 0.5
     screenshot("bake_done")
     before = counters()
     again = yield from rendered(scene, "again")
@@ -118,14 +112,13 @@ def steps():
     result["folder_after_freeing"] = any(FOLDER.glob("window_bake*"))
 
     result["invoked_again"] = invoke()
-    yield from wait_until(lambda: scene.frame_current in range(4, 40), 60)
+    yield from until(lambda: scene.frame_current in range(4, 40))
     screenshot("bake_under_way")
-    under_way = sys.modules[f"{MODULE}.scene.bake.playback"].under_way
     result["under_way"] = len(under_way)
     result["frame_under_way"] = scene.frame_current
     # The pointer must be over the window for it to get the key.
-    subprocess.run(["xdotool", "mousemove", "640", "400", "key", "Escape"], check=True)
-    yield from wait_until(lambda: not under_way, 30)
+    subprocess.run(["xdotool", "mousemove", "300", "600", "key", "Escape"], check=True)
+    yield from until(lambda: not under_way)
     result["baked_after_escape"] = baked(scene)
     result["folder_after_escape"] = any(FOLDER.glob("window_bake*"))
     result["frame_after_escape"] = scene.frame_current

@@ -12,11 +12,10 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import view_3d, walk
+from windowed import until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 MODULE = "bl_ext.user_default.refractive_glass"
-REST_SECONDS = 60
 FACES = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
 
 result = {}
@@ -34,11 +33,8 @@ def steps():
             "INVOKE_DEFAULT", shape="CYLINDER", radius=0.04, wall_thickness=0.003, height=0.1
         )
     views = sys.modules[f"{MODULE}.glass_refraction.viewport.views"]
-    yield 2
-    for _ in range(REST_SECONDS):
-        yield 1
-        if views.at_rest():
-            break
+    yield 0.2
+    yield from until(views.at_rest)
     (view,) = views._views.values()
     colour, _ = (
         np.array(texture.read().to_list(), np.float32) for texture in view.captures.textures

@@ -11,13 +11,12 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import view_3d, walk
+from windowed import until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 OPERATOR = "SCENE_OT_refractive_glass_compare"
 MANY_SAMPLES = 4096
 """So many that the picture is not done before Esc is pressed."""
-PATIENCE = 240
 
 result = {}
 
@@ -44,11 +43,13 @@ def start(folder):
         )
 
 
-def ended():
-    for _ in range(PATIENCE):
-        yield 0.5
-        if not comparing():
-            break
+def shown():
+    return [
+        area.spaces.active.image.name
+        for window in bpy.context.window_manager.windows
+        for area in window.screen.areas
+        if area.type == "IMAGE_EDITOR" and area.spaces.active.image is not None
+    ]
 
 
 def steps():
@@ -57,36 +58,32 @@ def steps():
     scene.render.engine = "CYCLES"
     scene.cycles.use_denoising = False
     scene.render.resolution_x, scene.render.resolution_y = 64, 48
-    yield 2
+    yield 0.2
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.object.refractive_glass_add(
             "INVOKE_DEFAULT", shape="CYLINDER", radius=2.0, wall_thickness=0.2, height=3.0
         )
         bpy.context.window_manager.refractive_glass_overlay = False
-    yield 2
+    yield 0.5
     before = state()
     scene.cycles.samples = MANY_SAMPLES
     result["started"] = start("cancelled")
-    yield 2
+    yield from until(lambda: bpy.app.is_job_running("RENDER"))
+    yield 0.5
     result["running"] = comparing()
     subprocess.run(["xdotool", "mousemove", "300", "450", "key", "Escape"], check=True)
-    yield from ended()
-    result["cancelled"] = not comparing()
+    result["cancelled"] = yield from until(lambda: not comparing())
     result["same_after_cancel"] = state() == before
     result["files_after_cancel"] = [p.name for p in (FOLDER / "cancelled").iterdir()]
 
     scene.cycles.samples = 2
     start("whole")
-    yield from ended()
-    yield 3
+    yield from until(lambda: not comparing())
+    yield from until(shown, 10)
+    yield 0.5
     result["same_at_the_end"] = state() == before
     result["files"] = sorted(p.name for p in (FOLDER / "whole").iterdir())
-    result["shown"] = [
-        area.spaces.active.image.name
-        for window in bpy.context.window_manager.windows
-        for area in window.screen.areas
-        if area.type == "IMAGE_EDITOR" and area.spaces.active.image is not None
-    ]
+    result["shown"] = shown()
     subprocess.run(["import", "-window", "root", FOLDER / "compare.png"], check=True)
 
 

@@ -32,7 +32,7 @@ def screenshot(region):
 
 def steps():
     scene = bpy.context.scene
-    yield 2
+    yield 0.2
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.object.refractive_glass_add(
             shape="CYLINDER", radius=2.0, wall_thickness=0.2, height=3.0, location=(0, 0, -1.5)
@@ -47,7 +47,7 @@ def steps():
     found = {}
     for kind in ("DISABLED", "ALWAYS"):
         space.shading.use_compositor = kind
-        yield 3
+        yield 1
         found[kind] = screenshot(region)
     off = np.abs(found["ALWAYS"] - found["DISABLED"]).max(axis=2)
     result["spread"] = float(found["DISABLED"].std())

@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import view_3d, walk
+from windowed import until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 MODULE = "bl_ext.user_default.refractive_glass"
@@ -74,9 +74,8 @@ def fresh(engine="BLENDER_WORKBENCH", shading="TRUE", size=(160, 120)):
 
 def prepared(scene):
     """Steps: until a render of the scene would show the glass."""
-    while not part("scene.build.own_scenes").find_own_scenes(scene):
-        yield 0.05
-    yield 0.5
+    yield from until(lambda: part("scene.build.own_scenes").find_own_scenes(scene))
+    yield 0.2
 
 
 def invoke(operator, **properties):
@@ -86,21 +85,18 @@ def invoke(operator, **properties):
 
 def doing(beginning):
     """Steps: until the render's thread says that it does something like this."""
-    while running() and not (part("scene.progress").doing() or "").startswith(beginning):
+    told = part("scene.progress").doing
+    while running() and not (told() or "").startswith(beginning):
         yield 0.01
 
 
 def rest(name):
     """Steps: until nothing is left of what was disabled, but no longer than needed for that."""
-    while running():
-        yield 0.05
-    for _ in range(20):
-        yield 0.2
-        if not left():
-            break
+    yield from ended()
+    yield from until(lambda: not left(), 5)
     result[name]["left"] = left()
     enable()
-    yield 1
+    yield 0.2
 
 
 def rendered_while_computed():
@@ -134,33 +130,31 @@ def enabled_again():
     disable()
     enable()
     result["again"] = {"running": running()}
-    yield from rest_enabled()
+    yield from ended()
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y = 64, 48
-    ended = []
-    bpy.app.handlers.render_complete.append(lambda *_: ended.append("complete"))
+    completed = []
+    bpy.app.handlers.render_complete.append(lambda *_: completed.append("complete"))
     invoke(bpy.ops.render.render)
-    while running():
-        yield 0.05
-    yield 1
-    result["again"]["ended"] = ended
+    yield from ended()
+    result["again"]["ended"] = completed
     result["again"]["problems"] = list(part("scene.update").status(scene).problems)
     result["again"]["covered"] = part("scene.update").status(scene).covered
     disable()
     yield from rest("again")
 
 
-def rest_enabled():
-    while running():
-        yield 0.05
-    yield 1
+def ended():
+    """Steps: until no render goes on, and what waits for that had its turn."""
+    yield from until(lambda: not running())
+    yield 0.4
 
 
 def animated():
     """Blender draws what it laid out before an engine read the scene, once that is over."""
     scene = fresh("CYCLES")
     # Longer than what follows takes, by far: after it the rest is waited for.
-    scene.frame_start, scene.frame_end = 1, 12
+    scene.frame_start, scene.frame_end = 1, 6
     scene.render.filepath = str(FOLDER / "frame_")
     yield from prepared(scene)
     invoke(bpy.ops.render.render, animation=True)
@@ -174,11 +168,11 @@ def animated():
     }
     # Again and again: what is enabled meanwhile takes the same panels back.
     for _ in range(4):
-        yield 0.2
+        yield 0.1
         enable()
-        yield 0.2
+        yield 0.1
         disable()
-    yield from rest_enabled()
+    yield from ended()
     result["animated"]["ends"] = registered()
     yield from rest("animated")
     result["animated"]["back"] = panel.is_registered and panel.poll(bpy.context)
@@ -198,10 +192,8 @@ def compared():
     """A comparison hides the glass, changes settings and has a scene of its own rendered."""
     yield from prepared(fresh("CYCLES"))
     invoke(bpy.ops.scene.refractive_glass_compare, directory=str(FOLDER / "compare"), samples=16)
-    while not any(s.get("refractive_glass") == "reference" for s in bpy.data.scenes):
-        yield 0.01
-    while not running():
-        yield 0.01
+    yield from until(lambda: any(s.get("refractive_glass") == "reference" for s in bpy.data.scenes))
+    yield from until(running)
     result["compared"] = {"running": running()}
     disable()
     yield from rest("compared")
@@ -223,10 +215,10 @@ def baked():
 def shown():
     """The refracted picture of a view, while something moves in it."""
     fresh()
-    yield 1
+    yield 0.2
     with bpy.context.temp_override(**view_3d()):
         bpy.context.window_manager.refractive_glass_overlay = True
-    yield 1
+    yield from until(part("viewport.views").at_rest)
     invoke(bpy.ops.screen.animation_play)
     yield 0.5
     result["shown"] = {"handles": len(part("viewport.views")._handles)}
@@ -242,7 +234,7 @@ def steps():
     # Other scripts open Blender with the same preferences.
     bpy.context.preferences.use_preferences_save = False
     bpy.context.preferences.view.render_display_type = "NONE"
-    yield 1
+    yield 0.2
     yield from rendered_while_computed()
     yield from rendered_while_drawn()
     yield from enabled_again()

@@ -76,13 +76,21 @@ def screenshot(name, area):
 def settled(name, area):
     """`screenshot`, once three in a row are the same: a busy machine may draw none between two."""
     found, same = None, 0
-    for _ in range(12):
-        yield 0.7
+    for _ in range(24):
+        yield 0.2
+        redraw(area)
         found, before = screenshot(name, area), found
         same = same + 1 if before is not None and np.array_equal(found, before) else 0
         if same == 2:
             break
     return found
+
+
+def redraw(area):
+    """Draw the window, and show it, before anything else happens."""
+    with override(area):
+        area.tag_redraw()
+        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
 
 
 def camera_frame(area):
@@ -121,17 +129,17 @@ def rest():
     """Wait until every view that asks has its final picture, and shows it."""
     views = module()
     started = time.perf_counter()
-    yield 0.3
+    yield 0.2
     while time.perf_counter() - started < REST_SECONDS:
         if views.at_rest():
             break
-        yield 0.1
+        yield 0.05
     else:
         raise RuntimeError("the views did not come to rest")
     # The last redraws: of the final picture, and of the engine's anti-aliasing.
     for _ in range(20):
         draws = views.counters["draws"]
-        yield 0.4
+        yield 0.2
         if views.counters["draws"] == draws:
             break
 
@@ -661,9 +669,7 @@ def memory():
         for k in range(REDRAWS):
             if moved is not None:
                 getattr(*moved).x += STEP[k % 2]
-            with override(area):
-                area.tag_redraw()
-                bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+            redraw(area)
         drawn = views.counters["draws"] - draws
         for kind, value in kinds.items():
             setattr(gpu.types, kind, value)

@@ -12,12 +12,10 @@ import addon_utils
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import view_3d, walk
+from windowed import until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 MODULE = "bl_ext.user_default.refractive_glass"
-RENDER_SECONDS = 240
-REST_SECONDS = 60
 
 result = {}
 
@@ -46,7 +44,7 @@ def steps():
     scene.cycles.samples, scene.cycles.use_denoising = 2, False
     # Without the mirror images, whose many vertices would make this a test of patience.
     scene.refractive_glass.surface = "REFRACTION"
-    yield 2
+    yield 0.5
     with bpy.context.temp_override(**view_3d()):
         area = bpy.context.area
         area.spaces.active.show_region_ui = True
@@ -64,7 +62,8 @@ def steps():
         bpy.ops.ed.undo_push(message="Add glass")
     result["added"] = list(added)
     result["active"] = bpy.context.view_layer.objects.active.name
-    yield 3
+    views = sys.modules[f"{MODULE}.glass_refraction.viewport.views"]
+    yield from until(views.at_rest)
     glass = bpy.context.object.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     result["evaluated_edges"] = len(glass.edges)
     with bpy.context.temp_override(**view_3d()):
@@ -78,28 +77,21 @@ def steps():
     with bpy.context.temp_override(**view_3d()):
         # EEVEE in the view: a render's thread that told it to let go has crashed Blender.
         bpy.context.space_data.shading.type = "MATERIAL"
-    yield 10
+    yield 0.2
+    yield from until(views.at_rest)
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.render.render("INVOKE_DEFAULT")
-    for _ in range(2 * RENDER_SECONDS):
-        yield 0.5
-        if ended and not bpy.app.is_job_running("RENDER"):
-            break
-    yield 2
+    yield from until(lambda: ended and not bpy.app.is_job_running("RENDER"))
+    yield 0.5
     result["render"] = ended
     result["problems_after_rendering"] = problems(scene)
     screenshot("window_rendered")
     # The render's own window was drawn last: its GPU context is no good for the 3D view's captures.
-    views = sys.modules[f"{MODULE}.glass_refraction.viewport.views"]
     faces = views.counters["faces"]
     result["windows_after_render"] = len(bpy.context.window_manager.windows)
     bpy.data.objects["Cube"].location.x += 0.1
-    yield 1
-    for _ in range(REST_SECONDS):
-        yield 1
-        if views.at_rest():
-            break
-    result["rest_beside_render"] = views.at_rest()
+    yield 0.2
+    result["rest_beside_render"] = yield from until(views.at_rest)
     result["faces_beside_render"] = views.counters["faces"] - faces
     result["failures"] = [view.failure for view in views._views.values()]
     bpy.data.images["Render Result"].save_render(str(FOLDER / "window_picture.png"))
@@ -108,28 +100,28 @@ def steps():
             bpy.ops.wm.window_close()
     with bpy.context.temp_override(**view_3d()):
         bpy.context.space_data.shading.type = "SOLID"
-    yield 1
+    yield 0.2
 
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.ed.undo()
-    yield 2
+    yield 0.2
     result["objects_after_undo"] = sorted(o.name for o in bpy.context.scene.objects)
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.ed.redo()
-    yield 2
+    yield 0.2
     result["objects_after_redo"] = sorted(o.name for o in bpy.context.scene.objects)
 
     addon_utils.disable(MODULE)
-    yield 1
+    yield 0.2
     result["disabled"] = not hasattr(bpy.types.Scene, "refractive_glass")
     addon_utils.enable(MODULE)
-    yield 1
+    yield 0.2
     result["enabled"] = hasattr(bpy.types.Scene, "refractive_glass")
 
     with bpy.context.temp_override(**view_3d()):
         for obj in [o for o in bpy.context.scene.objects if o.name.startswith("Refractive")]:
             bpy.data.objects.remove(obj)
-    yield 3
+    yield from until(lambda: not own_blocks(), 10)
     result["left_after_removal"] = own_blocks()
 
 

@@ -3,13 +3,14 @@
 
 import json
 import sys
+import time
 import traceback
 from pathlib import Path
 
 import bpy
 
 
-def walk(steps, result, folder, first=2.0):
+def walk(steps, result, folder, first=0.5):
     """Run steps, each ``yield`` of which gives Blender that many seconds to draw.
 
     At their end ``result`` is written where the test looks for it, and Blender quits; it quits
@@ -29,6 +30,14 @@ def walk(steps, result, folder, first=2.0):
         return None
 
     bpy.app.timers.register(advance, first_interval=first, persistent=True)
+
+
+def until(condition, seconds=240):
+    """Steps: until a condition holds, at most so many seconds; whether it does."""
+    end = time.perf_counter() + seconds
+    while not condition() and time.perf_counter() < end:
+        yield 0.05
+    return condition()
 
 
 def view_3d():
