@@ -19,13 +19,15 @@ os.environ["BLENDER_USER_RESOURCES"] = _resources
 
 _LONG = ("real_blender/", "/test_no_harm.py", "/test_growth.py", "/test_mesh_scene.py")
 """Parts of the names of files that take long."""
+_HALF = ("real_blender/test_viewport.py", "real_blender/test_no_harm.py")
+"""As long as all others there together."""
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     """Several processes share the files among them, each file whole: modules share fixtures.
 
-    One process drives all of the real Blender: it is installed once for all of its tests.
+    The real Blender's are two parts: it is installed for each, and then for all of its tests.
     """
     from xdist.scheduler import LoadScopeScheduling
 
@@ -35,7 +37,9 @@ def pytest_xdist_make_scheduler(config, log):
     class Files(LoadScopeScheduling):
         def _split_scope(self, nodeid):
             path = nodeid.split("::", 1)[0]
-            return "real_blender" if "/real_blender/" in path else path
+            if "/real_blender/" not in path:
+                return path
+            return f"real_blender {path.endswith(_HALF)}"
 
     return Files(config, log)
 
