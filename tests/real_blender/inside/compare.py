@@ -11,7 +11,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import until, view_3d, walk
+from windowed import prepared, until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 OPERATOR = "SCENE_OT_refractive_glass_compare"
@@ -64,7 +64,7 @@ def steps():
             "INVOKE_DEFAULT", shape="CYLINDER", radius=2.0, wall_thickness=0.2, height=3.0
         )
         bpy.context.window_manager.refractive_glass_overlay = False
-    yield 0.5
+    yield from prepared(scene)
     before = state()
     scene.cycles.samples = MANY_SAMPLES
     result["started"] = start("cancelled")

@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import until, view_3d, walk
+from windowed import prepared, until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 MODULE = "bl_ext.user_default.refractive_glass"
@@ -70,12 +70,6 @@ def fresh(engine="BLENDER_WORKBENCH", shading="TRUE", size=(160, 120)):
         bpy.context.window_manager.refractive_glass_overlay = False
     bpy.context.view_layer.objects.active.name = "Glass"
     return scene
-
-
-def prepared(scene):
-    """Steps: until a render of the scene would show the glass."""
-    yield from until(lambda: part("scene.build.own_scenes").find_own_scenes(scene))
-    yield 0.2
 
 
 def invoke(operator, **properties):

@@ -12,7 +12,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import until, view_3d, walk
+from windowed import prepared, until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 PACKAGE = "bl_ext.user_default.refractive_glass.glass_refraction"
@@ -56,8 +56,7 @@ def steps():
         bpy.context.window_manager.refractive_glass_overlay = False
     # So large that the picture is not done before Esc is pressed.
     scene.render.resolution_x, scene.render.resolution_y = 1920, 1080
-    yield from until(lambda: part("scene.build.own_scenes").find_own_scenes(scene))
-    yield 0.2
+    yield from prepared(scene)
     yield from render()
     result["watched"] = watched()
     result["doing"] = part("scene.progress").doing()

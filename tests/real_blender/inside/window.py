@@ -12,7 +12,7 @@ import addon_utils
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from windowed import until, view_3d, walk
+from windowed import prepared, until, view_3d, walk
 
 FOLDER = Path(sys.argv[-1])
 MODULE = "bl_ext.user_default.refractive_glass"
@@ -79,6 +79,7 @@ def steps():
         bpy.context.space_data.shading.type = "MATERIAL"
     yield 0.2
     yield from until(views.at_rest)
+    yield from prepared(scene)
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.render.render("INVOKE_DEFAULT")
     yield from until(lambda: ended and not bpy.app.is_job_running("RENDER"))

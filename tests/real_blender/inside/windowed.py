@@ -40,6 +40,14 @@ def until(condition, seconds=240):
     return condition()
 
 
+def prepared(scene):
+    """Steps: until a render of the scene would show its glass."""
+    package = "bl_ext.user_default.refractive_glass.glass_refraction"
+    own_scenes = sys.modules[f"{package}.scene.build.own_scenes"]
+    yield from until(lambda: own_scenes.find_own_scenes(scene))
+    yield 0.2
+
+
 def view_3d():
     """Where operators of the first window's 3D view run."""
     window = bpy.context.window_manager.windows[0]
