@@ -10,6 +10,16 @@ from __future__ import annotations
 import gpu
 
 
+def is_any() -> bool:
+    """Whether a context is current. Once a window was closed none is, until one is drawn; Blender
+    5.2 crashes where the state of none is asked for."""
+    try:
+        gpu.types.GPUTexture((1, 1))
+    except RuntimeError:
+        return False
+    return True
+
+
 class Home:
     """The context that is current when this is made, to be told from others.
 

@@ -689,6 +689,8 @@ def _is_at_home(view: _View, region) -> bool:
     """
     from . import contexts
 
+    if not contexts.is_any():
+        return False
     view.home = view.home or contexts.Home()
     if view.home.is_current():
         view.away = 0

@@ -33,6 +33,11 @@ def test_the_view_comes_to_rest_beside_the_renders_window(found):
     assert found["rest_beside_render"]
 
 
+def test_a_timer_works_at_nothing_right_after_a_window_was_closed(found):
+    """No context is current then, and Blender crashed where its state was asked for."""
+    assert not found["at_home_beside_none"]
+
+
 def test_undo_takes_the_glass_away_and_redo_brings_it_back(found):
     assert "Refractive Glass" not in found["objects_after_undo"]
     assert "Refractive Glass" in found["objects_after_redo"]

@@ -77,8 +77,8 @@ def steps():
     with bpy.context.temp_override(**view_3d()):
         # EEVEE in the view: a render's thread that told it to let go has crashed Blender.
         bpy.context.space_data.shading.type = "MATERIAL"
-    yield 0.2
-    yield from until(views.at_rest)
+    draws = views.counters["draws"]
+    yield from until(lambda: views.counters["draws"] > draws)
     yield from prepared(scene)
     with bpy.context.temp_override(**view_3d()):
         bpy.ops.render.render("INVOKE_DEFAULT")
@@ -99,6 +99,9 @@ def steps():
     for window in list(bpy.context.window_manager.windows)[1:]:
         with bpy.context.temp_override(window=window):
             bpy.ops.wm.window_close()
+    (view,) = views._views.values()
+    view.home = None
+    result["at_home_beside_none"] = views._is_at_home(view, view_3d()["region"])
     with bpy.context.temp_override(**view_3d()):
         bpy.context.space_data.shading.type = "SOLID"
     yield 0.2
