@@ -126,6 +126,7 @@ def enabled_again():
     result["again"] = {"running": running()}
     yield from ended()
     scene = bpy.context.scene
+    yield from prepared(scene)
     scene.render.resolution_x, scene.render.resolution_y = 64, 48
     completed = []
     bpy.app.handlers.render_complete.append(lambda *_: completed.append("complete"))
@@ -167,6 +168,7 @@ def animated():
         yield 0.1
         disable()
     yield from ended()
+    yield from until(lambda: not any(registered().values()), 5)
     result["animated"]["ends"] = registered()
     yield from rest("animated")
     result["animated"]["back"] = panel.is_registered and panel.poll(bpy.context)
