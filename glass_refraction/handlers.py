@@ -275,8 +275,7 @@ def _on_data_replaced(*_) -> None:
 
 @persistent
 def _on_load(*_) -> None:
-    if not bpy.app.background:
-        renew_groups()
+    renew_groups()
     material_link.remember()
     _on_data_replaced()
 

@@ -19,8 +19,8 @@ OCCLUDER_GROUP = "Refractive Glass Occluder"
 
 NODE_GROUPS = Path(__file__).resolve().parents[2] / "node_groups" / "refractive_glass.blend"
 
-NEWEST_SHAPE, NEWEST_NODE = "Mesh", "GeometryNodeBoundBox"
-"""Of the glass's modifier: a file that an older version saved has a group without one of them."""
+NEWEST_INPUT = "In Mirrors"
+"""Of the glass's modifier: a file that an older version saved has a group without it."""
 
 
 def own(data_block: bpy.types.ID | None, role: str | None = None) -> bool:
@@ -42,9 +42,7 @@ class RefractiveGlassError(Exception):
 
 def _is_current(group: bpy.types.NodeTree, name: str) -> bool:
     """Whether a group that a file brings along can do all that the extension's own can."""
-    menus = (node.enum_items for node in group.nodes if node.type == "MENU_SWITCH")
-    has_box = any(node.bl_idname == NEWEST_NODE for node in group.nodes)
-    return name != MODIFIER or (has_box and any(NEWEST_SHAPE in items for items in menus))
+    return name != MODIFIER or any(i.name == NEWEST_INPUT for i in group.interface.items_tree)
 
 
 def _sockets(group: bpy.types.NodeTree) -> set[tuple[str, str, str]]:
@@ -65,6 +63,11 @@ def renew_groups() -> None:
             continue
         new = load_group(MODIFIER)
         if _sockets(old) <= _sockets(new):
+            modifiers = (m for obj in bpy.data.objects for m in obj.modifiers if m.type == "NODES")
+            for modifier in modifiers:
+                if modifier.node_group == old:
+                    # So it gets the inputs that are new.
+                    modifier.node_group = new
             old.user_remap(new)
             bpy.data.node_groups.remove(old)
             new.name = MODIFIER

@@ -11,7 +11,7 @@ from glass_refraction.scene import update as door
 from glass_refraction.scene.memory import counters
 from glass_refraction.scene.names import (
     MODIFIER,
-    NEWEST_NODE,
+    NEWEST_INPUT,
     RefractiveGlassError,
     load_group,
     own,
@@ -20,7 +20,11 @@ from glass_refraction.scene.names import (
 from glass_refraction.scene.rays import exits
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
 from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of
-from glass_refraction.scene.read.modifier_inputs import data_path, read_input, write_input
+from glass_refraction.scene.read.modifier_inputs import (
+    data_path,
+    read_input,
+    write_input,
+)
 
 SIZE = {"width": 80, "height": 60, "samples": 4, "shading": "TRUE", "surface": "GLASS"}
 
@@ -631,8 +635,7 @@ def test_the_cost_of_instances_is_that_of_their_pixels(tmp_path):
 
 def test_a_file_of_an_older_version_gets_the_modifier_anew():
     group = load_group(MODIFIER)
-    menu = next(node for node in group.nodes if node.type == "MENU_SWITCH")
-    menu.enum_items.remove(menu.enum_items["Mesh"])
+    group.interface.remove(group.interface.items_tree[NEWEST_INPUT])
     obj = _own_mesh(_ball())
     assert glass_modifier(obj).node_group != group
     assert read_input(glass_modifier(obj), "Shape") == "Mesh"
@@ -645,10 +648,9 @@ def test_glasses_of_an_older_version_are_renewed_with_all_they_have():
     write_input(modifier, "IOR", 1.7)
     obj.driver_add(data_path(modifier, "Abbe Number")).driver.expression = "42.0"
     old = modifier.node_group
-    box = next(n for n in old.nodes if n.bl_idname == NEWEST_NODE)
-    old.nodes.remove(box)
+    old.interface.remove(old.interface.items_tree[NEWEST_INPUT])
     renew_groups()
-    assert NEWEST_NODE in {n.bl_idname for n in modifier.node_group.nodes}
+    assert read_input(modifier, NEWEST_INPUT) is None
     assert [g.name for g in bpy.data.node_groups if own(g, "glass")] == [MODIFIER]
     bpy.context.view_layer.update()
     assert read_input(modifier, "IOR") == pytest.approx(1.7)
