@@ -22,7 +22,7 @@ from bpy.app.handlers import persistent
 from .scene import changes, material_link
 from .scene import update as door
 from .scene.build.own_scenes import find_own_scenes, list_objects, user_scene_of
-from .scene.names import REFERENCE, TAG, RefractiveGlassError, own
+from .scene.names import REFERENCE, TAG, RefractiveGlassError, own, renew_groups
 from .scene.progress import Stopped, ask_to_stop, go_on, tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
@@ -275,6 +275,7 @@ def _on_data_replaced(*_) -> None:
 
 @persistent
 def _on_load(*_) -> None:
+    renew_groups()
     material_link.remember()
     _on_data_replaced()
 

@@ -19,7 +19,7 @@ OCCLUDER_GROUP = "Refractive Glass Occluder"
 
 NODE_GROUPS = Path(__file__).resolve().parents[2] / "node_groups" / "refractive_glass.blend"
 
-NEWEST_SHAPE = "Mesh"
+NEWEST_INPUT = "In Mirrors"
 """Of the glass's modifier: a file that an older version saved has a group without it."""
 
 
@@ -42,8 +42,37 @@ class RefractiveGlassError(Exception):
 
 def _is_current(group: bpy.types.NodeTree, name: str) -> bool:
     """Whether a group that a file brings along can do all that the extension's own can."""
-    menus = (node.enum_items for node in group.nodes if node.type == "MENU_SWITCH")
-    return name != MODIFIER or any(NEWEST_SHAPE in items for items in menus)
+    return name != MODIFIER or any(i.name == NEWEST_INPUT for i in group.interface.items_tree)
+
+
+def _sockets(group: bpy.types.NodeTree) -> set[tuple[str, str, str]]:
+    """What modifiers and drivers know a group's inputs and outputs by."""
+    items = (item for item in group.interface.items_tree if item.item_type == "SOCKET")
+    return {(item.identifier, item.name, item.socket_type) for item in items}
+
+
+def renew_groups() -> None:
+    """Have glasses of an older version use the node group of this one.
+
+    Called as a file is opened, before Blender's undo begins. Their values, keyframes and drivers
+    stay, for they go by sockets; a group that has others than today's is left as it is.
+    """
+    for old in list(bpy.data.node_groups):
+        is_ours = own(old, "glass") and old.library is None
+        if not is_ours or old.override_library or _is_current(old, MODIFIER):
+            continue
+        new = load_group(MODIFIER)
+        if _sockets(old) <= _sockets(new):
+            modifiers = (m for obj in bpy.data.objects for m in obj.modifiers if m.type == "NODES")
+            for modifier in modifiers:
+                if modifier.node_group == old:
+                    # So it gets the inputs that are new.
+                    modifier.node_group = new
+            old.user_remap(new)
+            bpy.data.node_groups.remove(old)
+            new.name = MODIFIER
+        elif not new.users:
+            bpy.data.node_groups.remove(new)
 
 
 def load_group(name: str) -> bpy.types.NodeTree:

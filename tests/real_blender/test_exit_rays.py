@@ -98,6 +98,11 @@ def test_what_comes_before_a_things_edge_meets_it(found):
     assert missed < 0.01
 
 
+def test_what_begins_on_a_table_meets_it(found):
+    """Just behind its box it met nothing: meshes that stand on a flat table had a dark foot."""
+    assert found["on"] == 1.0
+
+
 @pytest.mark.parametrize("view", ["eye", "parallel"])
 def test_a_plane_is_a_plane_between_pixels(found, view):
     """Rays that begin on a table met it or not by where in a pixel they began."""

@@ -9,11 +9,22 @@ import scenes
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
 from glass_refraction.scene.memory import counters
-from glass_refraction.scene.names import MODIFIER, RefractiveGlassError, load_group
+from glass_refraction.scene.names import (
+    MODIFIER,
+    NEWEST_INPUT,
+    RefractiveGlassError,
+    load_group,
+    own,
+    renew_groups,
+)
 from glass_refraction.scene.rays import exits
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
 from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of
-from glass_refraction.scene.read.modifier_inputs import read_input, write_input
+from glass_refraction.scene.read.modifier_inputs import (
+    data_path,
+    read_input,
+    write_input,
+)
 
 SIZE = {"width": 80, "height": 60, "samples": 4, "shading": "TRUE", "surface": "GLASS"}
 
@@ -624,11 +635,30 @@ def test_the_cost_of_instances_is_that_of_their_pixels(tmp_path):
 
 def test_a_file_of_an_older_version_gets_the_modifier_anew():
     group = load_group(MODIFIER)
-    menu = next(node for node in group.nodes if node.type == "MENU_SWITCH")
-    menu.enum_items.remove(menu.enum_items["Mesh"])
+    group.interface.remove(group.interface.items_tree[NEWEST_INPUT])
     obj = _own_mesh(_ball())
     assert glass_modifier(obj).node_group != group
     assert read_input(glass_modifier(obj), "Shape") == "Mesh"
+
+
+def test_glasses_of_an_older_version_are_renewed_with_all_they_have():
+    """Smooth meshes were black in the 3D view: the older group shows all their points."""
+    obj = _own_mesh(_ball())
+    modifier = glass_modifier(obj)
+    write_input(modifier, "IOR", 1.7)
+    obj.driver_add(data_path(modifier, "Abbe Number")).driver.expression = "42.0"
+    old = modifier.node_group
+    old.interface.remove(old.interface.items_tree[NEWEST_INPUT])
+    renew_groups()
+    assert read_input(modifier, NEWEST_INPUT) is None
+    assert [g.name for g in bpy.data.node_groups if own(g, "glass")] == [MODIFIER]
+    bpy.context.view_layer.update()
+    assert read_input(modifier, "IOR") == pytest.approx(1.7)
+    found = glass_modifier(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    assert read_input(found, "Abbe Number") == 42.0
+    renewed = modifier.node_group
+    renew_groups()
+    assert modifier.node_group == renewed
 
 
 def test_the_volume_absorption_of_the_meshs_own_material_is_cycles_own(tmp_path):

@@ -19,9 +19,12 @@ bool in_thing(int g, vec3 p)
   return false;
 }
 
-/* Whether a ray runs through one of some boxes of things within its reach. */
+/* Whether a ray runs through one of some boxes of things within its reach. It may begin on the thing
+ * on which its glass stands, and what is flat has no box behind that. */
 bool meets_boxes(int first, int count, vec3 p, vec3 d, float reach)
 {
+  p -= LAID_ON * d;
+  reach += LAID_ON;
   for (int k = 0; k < count; k++) {
     int at = first + THING_ROWS * k;
     vec4 h = vec4(p, 1.0);

@@ -49,9 +49,11 @@ void main()
     frag = is_open ? seen : vec4(seen.rgb + max(covers - seen.a, 0.0) * backdrop.rgb, covers);
   }
   else if (part == 2) {
-    frag = vec4(erased ? 0.0 : (is_open ? (1.0 - after) / (1.0 - before) : 1.0));
+    frag = vec4(erased ? 0.0 : (is_open ? min((1.0 - after) / (1.0 - before), 1.0) : 1.0));
   }
   else {
-    frag = erased ? (1.0 - covers) * (1.0 - before) * backdrop : vec4(0.0);
+    /* The overlay takes no factor above one: more background than it has is added. */
+    float lacks = erased ? (1.0 - covers) * (1.0 - before) : (is_open ? before - after : 0.0);
+    frag = max(lacks, 0.0) * backdrop;
   }
 }

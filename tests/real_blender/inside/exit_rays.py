@@ -327,6 +327,21 @@ def met_before_edges(paint):
     return [float(found[kind].mean()) for kind in (hits, misses)]
 
 
+def met_on_a_table(paint):
+    """Part of rays that meet a table on which they begin, or just behind its flat box."""
+    size, deep = 96, 60.0
+    random = np.random.default_rng(2)
+    origins = random.uniform(20.0, 76.0, (20, 30, 3))
+    origins[..., 2] = deep + random.choice((-1e-4, 0.0, 1e-4), (20, 30))
+    along = random.normal(0.0, 1.0, origins.shape)
+    along[..., 2] = 0.5 + np.abs(along[..., 2])
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    box = np.diag((1 / 48.0, 1 / 48.0, 1e5, 0.0))[:3]
+    box[:, 3] = -1.0, -1.0, -1e5 * deep
+    found = passes.marched(paint, np.full((size, size), deep), origins, along, box)
+    return float((found[..., 3] > 0.5).mean())
+
+
 def planes(paint):
     """By what part depths between pixels are off on a plane, seen from an eye and in parallel."""
     rows, columns = 20, 30
@@ -405,7 +420,7 @@ def run():
         result["tiles"] = compare_tiles(paint)
         result["straight"], result["rods"] = straight_edges(paint), edges_of_rods(paint)
         result["planes"] = planes(paint)
-        result["met"] = met_before_edges(paint)
+        result["met"], result["on"] = met_before_edges(paint), met_on_a_table(paint)
         result["amended"] = compare_amended(paint)
         result["lamps"] = compare_lamps(root, paint)
         print("exit_rays:", result, flush=True)

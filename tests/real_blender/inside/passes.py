@@ -219,7 +219,7 @@ void main()
   vec2 at;
   float way;
   bool hidden;
-  bool found = march_direct(o, d, view.start.z, 0, -1, at, way, hidden);
+  bool found = may_meet_any(o, d) && march_direct(o, d, view.start.z, 0, -1, at, way, hidden);
   frag = vec4(at, way, float(found));
 }
 """
@@ -227,13 +227,16 @@ NOTHING = 1e20
 """What a capture's face has where it shows no thing."""
 
 
-def marched(paint, depths: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def marched(
+    paint, depths: np.ndarray, origins: np.ndarray, directions: np.ndarray, box=None
+) -> np.ndarray:
     """Where rays meet what a parallel view shows, beside a capture that shows nothing.
 
     Parameters
     ----------
     depths : (height, width) of pixels, in pixels. origins, directions : (rows, columns, 3), in
         pixels: right, up, away.
+    box : (3, 4) from there to where the only thing's box runs from -1 to 1; None: who knows.
 
     Returns
     -------
@@ -276,10 +279,10 @@ def marched(paint, depths: np.ndarray, origins: np.ndarray, directions: np.ndarr
             "fragment": f"{glsl.HOOKS}{glsl.SMOOTH}{glsl.FOLLOW}{glsl.LOOKUP}{MARCH}",
         }
     )
-    glasses, view = (
-        paint._uniform(np.zeros((_constant(paint, "description", "ROWS"), 4))),
-        paint._uniform(block),
-    )
+    things = np.zeros((_constant(paint, "description", "ROWS"), 4))
+    things[0, 2:] = 1, -1 if box is None else 1
+    things[1:4] = 0.0 if box is None else box
+    glasses, view = paint._uniform(things), paint._uniform(block)
     none = paint._texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
     _, target = paint._target((columns, rows), "RGBA32F")
     with paint.filling(target, (columns, rows), shader):
