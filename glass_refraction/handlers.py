@@ -176,6 +176,8 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         _own_rendered = True
         if depsgraph.mode == "RENDER":
             tell("rendering what else is seen in the glass")
+            if own(scene, true.CAPTURE) or own(scene, true.SKY):
+                true.ease_world(depsgraph)
         if own(scene, "displaced") and depsgraph.mode == "RENDER" and scene.render.use_motion_blur:
             user = user_scene_of(scene)
             if user is not None:

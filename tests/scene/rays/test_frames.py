@@ -11,6 +11,7 @@ from glass_refraction.reference.cycles import render_reference, scene_depsgraph
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import find_own_scenes
 from glass_refraction.scene.memory import counters
+from glass_refraction.scene.names import TAG
 from glass_refraction.scene.rays import true
 from glass_refraction.scene.rays.looks import look_of
 from glass_refraction.scene.rays.things import read_things
@@ -197,17 +198,24 @@ def test_the_films_exposure_counts_in_the_glass_as_beside_it(tmp_path):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_no_scene_is_rendered_by_another_engine_than_the_users(tmp_path, engine):
+def test_views_take_the_users_engine_and_have_cycles_make_no_large_map_of_the_world(
+    tmp_path, engine
+):
+    """Small captures have a smaller map, views of the world alone none; the user's world stays."""
     scenes.camera()
     _wall()
     scene = _scene(engine=engine, samples=1)
-    _world((0.1, 0.2, 0.3))
+    world = _world((0.1, 0.2, 0.3))
+    # Not known without a view, and for Cycles of one colour: its own map would take seconds here.
+    nodes, links = world.node_tree.nodes, world.node_tree.links
+    links.new(nodes.new("ShaderNodeRGB").outputs[0], nodes["Background"].inputs["Color"])
     scenes.glass(shape="CYLINDER")
-    engines = set()
+    engines, maps = set(), {}
 
     def note(rendered, depsgraph):
         if depsgraph.mode == "RENDER":
             engines.add(rendered.render.engine)
+            maps[rendered.get(TAG)] = depsgraph.scene_eval.world.cycles.sampling_method
 
     bpy.app.handlers.frame_change_post.append(note)
     try:
@@ -216,6 +224,9 @@ def test_no_scene_is_rendered_by_another_engine_than_the_users(tmp_path, engine)
         bpy.app.handlers.frame_change_post.remove(note)
     assert engines == {engine}
     assert {s.render.engine for s in find_own_scenes(scene, ("capture", "sky"))} == {engine}
+    if engine == "CYCLES":
+        assert maps == {None: "AUTOMATIC", "capture": "MANUAL", "sky": "NONE"}
+    assert world.cycles.sampling_method == "AUTOMATIC"
     assert np.abs(found - _plain(scene, tmp_path)).max() > 0.3
 
 
