@@ -59,6 +59,7 @@ def line(doing: str | None, seconds: float) -> str | None:
 
 def _look() -> float | None:
     """Timer: show what goes on, until no render does."""
+    progress.run_errands()
     doing = progress.doing()
     if doing != _shown.doing:
         _shown.doing, _shown.since = doing, time.monotonic()

@@ -10,12 +10,14 @@ mirror and no window shows a glass.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ..memory import counters
 from ..names import TAG, hidden_name, own
+from ..progress import in_main_thread
 from ..read.glasses import Glass, glass_modifier
 from ..read.modifier_inputs import has_input, read_input, write_input
 from .glass_material import Interface, glass_shader
@@ -144,53 +146,82 @@ def write_mirrored(
 
     Returns
     -------
-    The names of the glasses in these places that have such an object.
+    The names of the glasses in these places that have such an object; none, if the main thread had
+    no time to write it.
     """
     # Objects come before their instances.
     by_name = {glass.name: glass for glass in reversed(glasses) if glass.name in places}
-    found = set()
     collection = _collection(cast)
-    for obj in collection.objects if collection is not None else ():
-        source = next((o for o in bpy.data.objects if o.session_uid == obj[_GLASS]), None)
-        if source is None:
-            continue
-        if source.name in places:
-            found.add(source.name)
-        glass, stamp = by_name.get(source.name), ()
+    objects = list(collection.objects) if collection is not None else []
+    uids = {obj[_GLASS] for obj in objects}
+    names = {obj.session_uid: obj.name for obj in bpy.data.objects if obj.session_uid in uids}
+    changed: list[tuple[bpy.types.Mesh, _Filling]] = []
+    stamps, found = {}, set()
+    for obj in objects:
+        name = names.get(obj[_GLASS], "")
+        if name in places:
+            found.add(name)
+        glass, stamp = by_name.get(name), ()
         if glass is not None:
-            stamp = (glass.stamp(), places[glass.name].tobytes(), through)
+            stamp = (glass.stamp(), places[name].tobytes(), through)
         if known.get(obj.session_uid, None if obj.data.vertices else ()) == stamp:
             continue
-        counters["mirrored"] += 1
-        known[obj.session_uid] = stamp
-        obj.data.clear_geometry()
-        if glass is not None:
-            _fill(obj.data, glass, np.linalg.inv(places[glass.name]), through)
-        obj.data.update()
-    return found
+        stamps[obj.session_uid] = stamp
+        to_local = None if glass is None else np.linalg.inv(places[name])
+        changed.append((obj.data, _filling(glass, to_local, through)))
+
+    def write() -> None:
+        for mesh, filling in changed:
+            counters["mirrored"] += 1
+            _fill(mesh, filling)
+        known.update(stamps)
+
+    # 3D views have evaluated the objects too.
+    return found if not changed or in_main_thread(write) else set()
 
 
-def _fill(mesh: bpy.types.Mesh, glass: Glass, to_local: np.ndarray, through: bool) -> None:
-    """Put a glass's interfaces into an empty mesh, each face with what it is."""
+@dataclass(frozen=True)
+class _Filling:
+    """What a mesh is filled with: interfaces, and attributes (name, kind, field, values a face)."""
+
+    surfaces: Sequence[Surface] = ()
+    attributes: Sequence[tuple[str, str, str, np.ndarray]] = ()
+
+
+def _filling(glass: Glass | None, to_local: np.ndarray | None, through: bool) -> _Filling:
+    """A glass's interfaces, each face with what it is; of None nothing."""
+    if glass is None:
+        return _Filling()
     surfaces = _surfaces(glass)
     points = np.concatenate([surface.vertices for surface in surfaces])
     matrix = to_local @ glass.to_world @ film(points)
-    fill_mesh(mesh, [surface.moved(matrix) for surface in surfaces])
     faces, look = [len(surface.sizes) for surface in surfaces], glass.description
     tints = np.array(glass.absorption if glass.is_tinted else ((0.0,) * 3,) * len(look.media))
     before, behind = (tints[[s.media[side] for s in surfaces]] for side in (0, 1))
     roughness, colour = (look.roughness, look.refracted) if glass.is_mesh else (0.0, (1.0,) * 3)
     eta = np.array([surface.ior_inside / surface.ior_outside for surface in surfaces])
-    for name, kind, field, values in (
+    attributes = (
         (_ETA, "FLOAT", "value", eta),
         (_ROUGHNESS, "FLOAT", "value", np.full(len(faces), roughness)),
         (_THROUGH, "FLOAT", "value", np.full(len(faces), float(through))),
         (_COLOUR, "FLOAT_VECTOR", "vector", np.tile(colour, (len(faces), 1))),
         (_BEFORE, "FLOAT_VECTOR", "vector", before),
         (_BEHIND, "FLOAT_VECTOR", "vector", behind),
-    ):
+    )
+    return _Filling(
+        [surface.moved(matrix) for surface in surfaces],
+        [(*where, np.repeat(values, faces, axis=0)) for *where, values in attributes],
+    )
+
+
+def _fill(mesh: bpy.types.Mesh, filling: _Filling) -> None:
+    mesh.clear_geometry()
+    if filling.surfaces:
+        fill_mesh(mesh, filling.surfaces)
+    for name, kind, field, values in filling.attributes:
         attribute = mesh.attributes.new(name, kind, "FACE")
-        attribute.data.foreach_set(field, np.repeat(values, faces, axis=0).astype("f4").ravel())
+        attribute.data.foreach_set(field, values.astype("f4").ravel())
+    mesh.update()
 
 
 def _surfaces(glass: Glass) -> Sequence[Surface]:
