@@ -13,7 +13,7 @@ import numpy as np
 from mathutils import Matrix
 
 from .. import optics
-from ..scene.build.glass_material import SURFACES, Interface, glass_shader
+from ..scene.build.glass_material import SURFACES, Interface, glass_shader, surface_look
 from ..scene.build.glass_mesh import Surface, fill_mesh, film, glass_surfaces
 from ..scene.build.shaders import math_node
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
@@ -215,7 +215,7 @@ def _show_mesh(obj: bpy.types.Object, glass: Glass, style: _Style) -> None:
     style.temporary.callback(write_input, modifier, "Show in Render", shown)
     write_input(modifier, "Show in Render", True)
     absorption = glass.absorption if glass.is_tinted else (None, None)
-    material = style.material((glass.description.ior, *absorption, *_look(glass)))
+    material = style.material((glass.description.ior, *absorption, *surface_look(glass)))
     if not obj.material_slots:
         obj.data.materials.append(material)
         style.temporary.callback(obj.data.materials.pop)
@@ -358,16 +358,10 @@ def _joint_object(glasses: Sequence[Glass], found: Interfaces, style: _Style) ->
             )
         )
         sides = (tuple(absorption[:3]), tuple(absorption[3:])) if tinted else (None, None)
-        kinds.append((ior, *sides, *_look(glass)))
+        kinds.append((ior, *sides, *surface_look(glass)))
     obj = _object_of("Glasses", surfaces, kinds, style)
     obj.matrix_world = _shrunk(obj.data)
     return obj
-
-
-def _look(glass: Glass) -> tuple[float, tuple[float, float, float]]:
-    """Roughness and colour of a glass's surface."""
-    mesh = glass.description
-    return (mesh.roughness, mesh.refracted) if glass.is_mesh else (0.0, CLEAR)
 
 
 def _object_of(

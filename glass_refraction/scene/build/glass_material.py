@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import bpy
 
+from ..read.glasses import Glass
+from ..read.mesh_glasses import CLEAR
 from .shaders import math_node
 
 SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefraction"}
@@ -30,7 +32,13 @@ class Interface:
     eta: Value
     absorption: tuple[Sequence[Value], Sequence[Value]] | None = None
     roughness: Value = 0.0
-    colour: Sequence[Value] = (1.0, 1.0, 1.0)
+    colour: Sequence[Value] = CLEAR
+
+
+def surface_look(glass: Glass) -> tuple[float, tuple[float, float, float]]:
+    """Roughness and colour of a glass's surface."""
+    mesh = glass.description
+    return (mesh.roughness, mesh.refracted) if glass.is_mesh else (0.0, CLEAR)
 
 
 def glass_shader(

@@ -16,14 +16,14 @@ import bpy
 import numpy as np
 
 from ..memory import counters
-from ..names import TAG, hidden_name, own
+from ..names import hidden_name, own
 from ..progress import in_main_thread
 from ..read.glasses import Glass, glass_modifier
 from ..read.modifier_inputs import has_input, read_input, write_input
-from .glass_material import Interface, glass_shader
+from .glass_material import Interface, glass_shader, surface_look
 from .glass_mesh import Surface, fill_mesh, film, glass_surfaces
-from .own_scenes import new_collection, new_object, remove_objects, show_only, synchronise
-from .shaders import math_node
+from .own_scenes import new_collection, new_object, remove_objects, show_only
+from .shaders import math_node, own_material
 
 MIRRORED = "mirrored"
 """Role of the objects and of their material."""
@@ -33,7 +33,6 @@ SEGMENTS = 256
 """Facets round a full circle: mirror images are small, and normals are exact."""
 _GLASS = "refractive_glass_of"
 """Property of an own object: session uid of its glass."""
-_MET_BY = {"glossy": True, "transmission": True}
 _ETA, _ROUGHNESS, _COLOUR, _BEFORE, _BEHIND, _THROUGH = (
     f"rg_{name}" for name in ("eta", "roughness", "colour", "before", "behind", "through")
 )
@@ -63,7 +62,6 @@ def prepare_mirrored(
     shown = [c for c in cast.collection.children if c != collection]
     for layer in cast.view_layers:
         show_only(layer, *shown)
-        synchronise(layer)
 
 
 def _collection(cast: bpy.types.Scene) -> bpy.types.Collection | None:
@@ -74,24 +72,17 @@ def _new(collection: bpy.types.Collection, glass: bpy.types.Object) -> bpy.types
     mesh = bpy.data.meshes.new(hidden_name(MIRRORED, glass.name))
     obj = new_object(MIRRORED, mesh, collection, glass.name)
     obj[_GLASS] = glass.session_uid
-    mesh.materials.append(_material())
-    for kind in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
-        setattr(obj, f"visible_{kind}", _MET_BY.get(kind, False))
+    mesh.materials.append(own_material(MIRRORED, _build_material))
+    for kind in ("camera", "diffuse", "volume_scatter", "shadow"):
+        setattr(obj, f"visible_{kind}", False)
     return obj
 
 
-def _material() -> bpy.types.Material:
+def _build_material(tree: bpy.types.NodeTree) -> None:
     """Glass whose faces tell what they are; rays of light that something scattered pass it.
 
     A matte surface's light is followed by the extension itself, without noise.
     """
-    found = next((m for m in bpy.data.materials if own(m, MIRRORED) and not m.library), None)
-    if found is not None:
-        return found
-    material = bpy.data.materials.new(hidden_name(MIRRORED))
-    material[TAG] = MIRRORED
-    tree = material.node_tree
-    tree.nodes.clear()
 
     def parts(name: str) -> Sequence[bpy.types.NodeSocket]:
         split = tree.nodes.new("ShaderNodeSeparateXYZ")
@@ -118,7 +109,6 @@ def _material() -> bpy.types.Material:
     tree.links.new(shader.outputs[0], mix.inputs[2])
     end = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(mix.outputs[0], end.inputs["Surface"])
-    return material
 
 
 def _attribute(tree: bpy.types.NodeTree, name: str) -> bpy.types.ShaderNode:
@@ -195,10 +185,10 @@ def _filling(glass: Glass | None, to_local: np.ndarray | None, through: bool) ->
     surfaces = _surfaces(glass)
     points = np.concatenate([surface.vertices for surface in surfaces])
     matrix = to_local @ glass.to_world @ film(points)
-    faces, look = [len(surface.sizes) for surface in surfaces], glass.description
-    tints = np.array(glass.absorption if glass.is_tinted else ((0.0,) * 3,) * len(look.media))
+    faces, media = [len(surface.sizes) for surface in surfaces], glass.description.media
+    tints = np.array(glass.absorption if glass.is_tinted else ((0.0,) * 3,) * len(media))
     before, behind = (tints[[s.media[side] for s in surfaces]] for side in (0, 1))
-    roughness, colour = (look.roughness, look.refracted) if glass.is_mesh else (0.0, (1.0,) * 3)
+    roughness, colour = surface_look(glass)
     eta = np.array([surface.ior_inside / surface.ior_outside for surface in surfaces])
     attributes = (
         (_ETA, "FLOAT", "value", eta),

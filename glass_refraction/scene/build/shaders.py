@@ -3,27 +3,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 
-from ..names import TAG, hidden_name
+from ..names import TAG, hidden_name, own
+
+
+def own_material(role: str, build: Callable[[bpy.types.NodeTree], None]) -> bpy.types.Material:
+    """The own material of that role; ``build`` fills the tree of one that is not there yet."""
+    found = (m for m in bpy.data.materials if own(m, role) and not m.library)
+    material = next(found, None)
+    if material is None:
+        material = bpy.data.materials.new(hidden_name(role))
+        material[TAG] = role
+        material.node_tree.nodes.clear()
+        build(material.node_tree)
+    return material
 
 
 def object_colour_material() -> bpy.types.Material:
     """Emits the colour of the object that wears it, which Workbench shows without a material."""
-    role = "object colour"
-    for material in bpy.data.materials:
-        if material.get(TAG) == role and material.library is None:
-            return material
-    material = bpy.data.materials.new(hidden_name(role))
-    material[TAG] = role
-    tree = material.node_tree
-    tree.nodes.clear()
+    return own_material("object colour", _emit_object_colour)
+
+
+def _emit_object_colour(tree: bpy.types.NodeTree) -> None:
     info = tree.nodes.new("ShaderNodeObjectInfo")
     emission = tree.nodes.new("ShaderNodeEmission")
     end = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(info.outputs["Color"], emission.inputs["Color"])
     tree.links.new(emission.outputs[0], end.inputs["Surface"])
-    return material
 
 
 def math_node(tree: bpy.types.NodeTree, operation: str, *values) -> bpy.types.NodeSocket:

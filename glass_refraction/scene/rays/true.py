@@ -22,6 +22,7 @@ from ..build.own_scenes import (
     synchronise,
     write_setting,
 )
+from ..build.shaders import own_material
 from ..light.emitters import read_emitters
 from ..light.light import KeptLight, LightSettings
 from ..memory import Status, counters, memory_of
@@ -214,13 +215,8 @@ def _fill_view(scene: bpy.types.Scene, view: bpy.types.Scene) -> None:
 def _material(role: str) -> bpy.types.Material:
     """The material of curtains, which ends a camera's rays and gives no light, or of panes, which
     lets them through as they come: they are a camera's no more."""
-    found = (m for m in bpy.data.materials if own(m, role) and not m.library)
-    material = next(found, None)
-    if material is None:
-        material = bpy.data.materials.new(hidden_name(role))
-        material[TAG] = role
-        tree = material.node_tree
-        tree.nodes.clear()
+
+    def build(tree: bpy.types.NodeTree) -> None:
         shader = tree.nodes.new(
             "ShaderNodeEmission" if role == CURTAIN else "ShaderNodeBsdfRefraction"
         )
@@ -228,7 +224,8 @@ def _material(role: str) -> bpy.types.Material:
             shader.inputs[name].default_value = value
         end = tree.nodes.new("ShaderNodeOutputMaterial")
         tree.links.new(shader.outputs[0], end.inputs["Surface"])
-    return material
+
+    return own_material(role, build)
 
 
 _SHADERS = {
