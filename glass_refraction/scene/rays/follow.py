@@ -36,7 +36,7 @@ CONTACT = 1e-5
 """Of the glasses' size: what reaches no deeper among them only touches them."""
 FINE = 5.0
 """Where a pixel has many rays, ways must carry so much more of a ray's light: it is a part of the
-pixel's."""
+pixel's. The less so the brighter lamps shine."""
 ENOUGH = 0.25
 """Part of the light of a pixel that must be followed to stand for all of it. Where less is, it
 stands for four times as much, and the rest is dark."""
@@ -221,6 +221,7 @@ class Follower:
     hull : (2, 3) a box round all glasses. stamp : of the glasses and of how they are followed.
     meshes : the glasses that are meshes.
     min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
+    brightest : light of what shines most, over that of a white pixel; 1 at least.
     through : (T,) bool, which triangles are seen through the glasses; None: all.
     """
 
@@ -236,6 +237,7 @@ class Follower:
     min_weight: float
     fresnel: bool
     kept: Kept
+    brightest: float = 1.0
     through: np.ndarray | None = None
 
     def __post_init__(self) -> None:
@@ -267,7 +269,7 @@ class Follower:
     def fine_weight(self) -> float:
         """Part of a ray's light that its ways must carry where a pixel has many rays."""
         # The facets of rough glasses share out the light: of each way there are many.
-        return self.min_weight * (1.0 if self.rough else FINE)
+        return self.min_weight * (1.0 if self.rough else max(1.0, FINE / self.brightest))
 
     def blocks(
         self, sets: Sequence[tuple[np.ndarray, np.ndarray]], settled: np.ndarray | None = None

@@ -283,6 +283,7 @@ def _follower(
         frame.min_weight,
         frame.fresnel,
         kept,
+        _shining(frame).max(),
         _through(frame),
     )
 
@@ -319,8 +320,7 @@ def _followed(
     views += [*skies, *[None] * (room.skies - len(skies))]
     shown = show(scene, views, coarse.ways)
     surface = frame.things.surfaces(coarse.ways.triangle)
-    shining = np.array([*(max(1.0, *look.radiance) for look in frame.things.looks), 1.0])
-    ends = ending(coarse, beside, shown, surface, view.size, frame.exposure * shining[surface])
+    ends = ending(coarse, beside, shown, surface, view.size, _shining(frame)[surface])
     # A way's end may lie in the next pixel, which a cropped picture need not hold.
     drawn = np.zeros(len(ends.pixel), bool)
     drawn[grid([frame.region], view.size)] = True
@@ -346,6 +346,12 @@ def _followed(
     some = np.flatnonzero(dark)
     dark_pixel = _window_pixels(finer.pixel[some], view)
     return Rays(found, sum(counts), lit_pixel, lit, dark_pixel, dark[some]), views
+
+
+def _shining(frame: FrameInput) -> np.ndarray:
+    """(L + 1,) how much brighter than white surfaces shine, 1 at least; of the sky 1 is known."""
+    light = [frame.exposure * max(look.radiance) for look in frame.things.looks]
+    return np.maximum([*light, 0.0], 1.0)
 
 
 def _lookups(

@@ -386,6 +386,17 @@ def test_mirrored_lamps_of_a_size_are_as_in_cycles(tmp_path, kind):
     assert sums[0] == pytest.approx(sums[1], rel=0.05)
 
 
+def test_the_border_of_a_mirrored_lamp_is_smooth(tmp_path):
+    """Both faces mirror it, each by a twentieth of the light: that much was followed for no more
+    than one ray a pixel."""
+    scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
+    scene = _scene(samples=1)
+    _world((0.0, 0.0, 0.0))
+    _lamp_before_a_pane(scene, "AREA").rotation_euler.rotate_axis("Z", 0.3)
+    light = scenes.picture(scene, tmp_path)[..., 0]
+    assert len(np.unique((10.0 * light / light.max()).round())) > 7
+
+
 @pytest.mark.parametrize("kind", ["AREA", "POINT", "SUN"])
 def test_workbench_has_no_lamps_so_glass_mirrors_none(tmp_path, kind):
     scenes.camera(location=(0.0, -0.3, 0.05), tilt=np.pi / 2)
