@@ -43,6 +43,8 @@ stands for four times as much, and the rest is dark."""
 TOGETHER, MOST_TOGETHER = 100_000, 1.6
 """About how many rays are followed together, and times that at most. While they are, each takes a
 kilobyte and more; fewer would cost time, for each step is a batch of casts."""
+ONWARD = 0.1
+"""Part of the light of a ray from a thing that its ways must carry: it is a part of the pixel's."""
 NEAR = 8.0 * TOUCHING
 """Of the largest coordinate: where float32 keeps places, things so near to a ray may matter."""
 MOST_LAMPS = 4
@@ -353,26 +355,11 @@ class Follower:
             )
             check()
             passed.append(Passed(ends.passed_ray, ends.passed))
-            share = float(np.mean(colour))
             met = np.flatnonzero(ends.events > 0)
-            weight = ends.weight[met]
             # Apart from the glasses, things are looked for where it is needed.
             distance = ends.distance[met] if things else np.full(len(met), np.nan)
-            lost += np.stack((ends.lost, ends.stuck), axis=1) * share
-            parts.append(
-                Ways(
-                    ends.ray[met].astype(np.int32),
-                    ends.path[met] ^ np.int64(number << 1),
-                    weight * share,
-                    weight[:, None] * np.exp(-ends.depth[met]) * colour,
-                    ends.origin[met],
-                    ends.direction[met],
-                    distance,
-                    ends.thing[met].astype(np.int32),
-                    ends.events[met].astype(np.int16),
-                    ends.rough[met],
-                )
-            )
+            lost += np.stack((ends.lost, ends.stuck), axis=1) * np.mean(colour)
+            parts.append(_exit_ways(ends, met, distance, number, colour))
         # What there is of one band only is large enough not to be copied.
         ways, passed = (
             some[0] if len(some) == 1 else joined(kind, some)
@@ -384,6 +371,28 @@ class Follower:
         ways, passed = (_shared_out(part, ends) for part in (ways, passed))
         new = (piece.new for piece in pieces)
         return list(map(Block, new, ways, np.split(lost, ends[:-1]), passed))
+
+    def onward(self, origins: np.ndarray, directions: np.ndarray) -> Ways:
+        """Ways of rays (M, 3) from a thing to what they meet, through glasses or beside them.
+
+        Only ways with much of a ray's light are followed; they stand for the others.
+        """
+        parts = []
+        for number, (colour, placed) in enumerate(self.bands):
+            ends = optics.exit_rays(
+                placed,
+                origins,
+                directions,
+                min_weight=ONWARD,
+                cast=self._beyond.cast,
+                things=self.boxes,
+                meet=self.meshes.meet if self.meshes else None,
+                fresnel=self.fresnel,
+                between=check,
+            )
+            ways = _exit_ways(ends, np.arange(len(ends.ray)), ends.distance, number, colour)
+            parts.append(ways.scaled(1.0 / np.maximum(1.0 - ends.lost, ENOUGH)[ways.ray]))
+        return joined(Ways, parts)
 
     def _whole(self, pieces: Sequence[_Piece], least: float, keep: bool) -> list[Block]:
         """Of each piece an old block and what rays do in those pixels that it has not.
@@ -522,6 +531,34 @@ class Follower:
         end = (high - self._skin - origins) / along
         near, far = np.minimum(begin, end), np.maximum(begin, end)
         return np.maximum(near.max(axis=1), 0.0), far.min(axis=1)
+
+
+def _exit_ways(
+    ends: optics.ExitRays,
+    rows: np.ndarray,
+    distance: np.ndarray,
+    number: int,
+    colour: tuple[float, float, float],
+) -> Ways:
+    """Some exit rays, by their rows (K,), as ways.
+
+    Parameters
+    ----------
+    distance : (K,) metres to what they meet. number, colour : of the band of light.
+    """
+    weight = ends.weight[rows]
+    return Ways(
+        ends.ray[rows].astype(np.int32),
+        ends.path[rows] ^ np.int64(number << 1),
+        weight * float(np.mean(colour)),
+        weight[:, None] * np.exp(-ends.depth[rows]) * colour,
+        ends.origin[rows],
+        ends.direction[rows],
+        distance,
+        ends.thing[rows].astype(np.int32),
+        ends.events[rows].astype(np.int16),
+        ends.rough[rows],
+    )
 
 
 def way_codes(pixel: np.ndarray, path: np.ndarray) -> np.ndarray:

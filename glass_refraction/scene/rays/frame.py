@@ -41,6 +41,7 @@ from .hits import (
     Scene,
     Shown,
     Views,
+    Ways,
     blocks_of,
     judged,
     place_captures,
@@ -50,6 +51,7 @@ from .hits import (
 from .looks import Clear
 from .meshes import GlassMeshes
 from .mirrors import mirrors_of, veils_of
+from .polish import amendments, polished
 from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .sky import Sky
@@ -334,13 +336,14 @@ def _followed(
     finer = FinerRays(coarse, ends, sigma, follower)
     centres = (coarse, shown, beside)
     counts: list[int] = []
-    parts = _lookups(frame, scene, views, finer, [centres], counts)
+    parts = _lookups(frame, scene, views, finer, follower, [centres], counts)
     # The largest arrays are held no longer than they are needed.
     del beside, coarse, ends, glints, shown, centres
     found = joined(Lookups, parts)
     stay = len(finer.kept)
     found.weight[:stay] *= finer.factor
     found.colour[:stay] *= finer.factor[:, None]
+    found.most[:stay] *= finer.factor
     off_edges(scene, views, found.view, found.place, frame.things.surfaces(found.triangle))
     dark = finer.dark
     some = np.flatnonzero(dark)
@@ -355,7 +358,13 @@ def _shining(frame: FrameInput) -> np.ndarray:
 
 
 def _lookups(
-    frame: FrameInput, scene: Scene, views: Views, finer: FinerRays, centres: list, counts: list
+    frame: FrameInput,
+    scene: Scene,
+    views: Views,
+    finer: FinerRays,
+    follower: Follower,
+    centres: list,
+    counts: list,
 ) -> Iterator[Lookups]:
     """What shows the ways of the centres that stay, and of the finer rays.
 
@@ -377,18 +386,48 @@ def _lookups(
             finer.share[rows],
             frame.clamp,
         )
+    mirrors = frame.engine == "CYCLES"
+    stay = polished(scene, coarse.ways, shown) if mirrors else np.zeros(0, int)
+    stay = stay[np.isin(stay, finer.kept)]
+    kept = coarse.ways.take(stay), shown.take(stay), beside.pixel[stay]
+    which = np.searchsorted(stay, finer.kept)
+    of_stay = np.flatnonzero((which < len(stay)) & (np.append(stay, -1)[which] == finer.kept))
     del coarse, shown, beside
     for rays in finer.parts():
-        ways = rays.ways
+        ways, pixel = rays.ways, _window_pixels(rays.pixel[rays.ways.ray], frame.view)
         counts.append(len(np.unique(ways.ray)))
-        yield Lookups.of(
-            scene,
-            ways,
-            show(scene, views, ways),
-            _window_pixels(rays.pixel[ways.ray], frame.view),
-            rays.share[ways.ray],
-            frame.clamp,
-        )
+        shown, share = show(scene, views, ways), rays.share[ways.ray]
+        yield Lookups.of(scene, ways, shown, pixel, share, frame.clamp)
+        if mirrors:
+            rows = polished(scene, ways, shown)
+            part = ways.take(rows), shown.take(rows)
+            yield from _amended(frame, scene, views, follower, *part, pixel[rows], share[rows])
+    share = (finer.share * finer.factor)[of_stay]
+    share = np.bincount(which[of_stay], share, len(stay))
+    ways, shown, pixel = kept
+    pixel = _window_pixels(pixel, frame.view)
+    yield from _amended(frame, scene, views, follower, ways, shown, pixel, share)
+
+
+def _amended(
+    frame: FrameInput,
+    scene: Scene,
+    views: Views,
+    follower: Follower,
+    ways: Ways,
+    shown: Shown,
+    pixel: np.ndarray,
+    share: np.ndarray,
+) -> Iterator[Lookups]:
+    """What amends the mirror images in polished faces; arguments as of `Lookups.of`."""
+    # A lamp's image in a glass is too small a thing to be taken away where it is to the pixel.
+    cautious = replace(frame.clamp, indirect=1.0 / frame.exposure)
+    both = amendments(scene, views, follower, ways, shown)
+    for (rows, ways), clamp in zip(both, (frame.clamp, cautious), strict=True):
+        found = Lookups.of(scene, ways, show(scene, views, ways), pixel[rows], share[rows], clamp)
+        # The face's own lookup stands for the pixel.
+        found.weight[:] = 0.0
+        yield found
 
 
 def _bands(glasses: Sequence[Glass]) -> list[Band]:
@@ -496,7 +535,7 @@ def _summed(
         order = order[strongest(pixel[order], weight[order])]
         uv = view.uv(lookups.place[order]) if len(order) else np.zeros((0, 2))
         tinted = lookups.colour[order] * lookups.share[order, None]
-        most = frame.exposure * lookups.most[order] * weight[order]
+        most = frame.exposure * lookups.most[order]
         part = pack(packed, pixel[order], uv, tinted, most)
         parts.append(part)
         weights.append(weight[order].astype(np.float32))
@@ -552,7 +591,7 @@ def _worth(pixel: np.ndarray, weight: np.ndarray, covered: float) -> float:
     most `NOISIEST` times s over the direct picture's samples, the mean by light, and over all that
     glasses cover at most `MOST_NOISE` times what as many pixels of the direct picture have.
     """
-    if not len(pixel):
+    if not weight.any():
         return 0.0
     sums = np.bincount(pixel, weight)
     squares = float((sums**2).sum())

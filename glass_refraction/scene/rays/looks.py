@@ -27,6 +27,8 @@ DIRECTED = {
 """Nodes by which it does, whatever their roughness."""
 MIRROR = 0.3
 """Roughness below which images are seen in a surface."""
+POLISHED = 0.15
+"""Roughness below which these images are sharp enough to be told from one direction."""
 DIELECTRIC = 0.04
 """Reflectance of a surface of ior 1.5 that is seen squarely."""
 
@@ -59,6 +61,8 @@ class Look:
     clear : how other things are seen through it; None: not at all, or nobody knows.
     is_mirror : other things are seen in it.
     reflectance : part of the light that it mirrors where it is seen squarely.
+    polish : part of the light (red, green, blue) that it mirrors where it is seen squarely, of what
+        is polished, flat and of one kind all over; else None.
     faces : 1: it is there on the side of its normals only; −1: on the other; 0: on both.
     beam : how the radiance depends on the direction that light goes in; None: not at all.
     factors : of its light that comes through a glass, and that one mirrors.
@@ -81,6 +85,7 @@ class Look:
     is_mirror: bool = False
     reflectance: float = DIELECTRIC
     factors: tuple[float, float] = (1.0, 1.0)
+    polish: tuple[float, float, float] | None = None
     cutout: Cutout | None = None
 
     def lights(self, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -112,11 +117,33 @@ def look_of(material: bpy.types.Material | None) -> Look:
     return replace(
         look,
         is_glossy=look.is_glossy or _is_glossy(tree),
+        polish=_polish(tree),
         clear=next(filter(None, map(_clear, _nodes(tree))), None),
         is_uncaptured=_asks_for_camera(tree),
         is_of_cameras=asks_for(tree, "LIGHT_PATH", TOLD_APART),
         is_of_paths=asks_for(tree, "LIGHT_PATH", TOLD_APART - OF_CAMERAS),
     )
+
+
+def _polish(tree: bpy.types.NodeTree | None) -> tuple[float, float, float] | None:
+    """`Look.polish` of a flat face, by the Principled BSDF that leads to the output."""
+    node = leading_node(tree, "Surface", "BSDF_PRINCIPLED")
+    if node is None:
+        return None
+    metallic, colour, *rest = (node.inputs[name] for name in POLISH_INPUTS)
+    if any(i.is_linked for i in (metallic, *rest)) or (metallic.default_value and colour.is_linked):
+        return None
+    roughness, ior, level, _, *others = (i.default_value for i in rest)
+    if roughness >= POLISHED or any(others) or node.inputs["Alpha"].default_value < 1.0:
+        return None
+    straight = 2.0 * level * ((ior - 1.0) / (ior + 1.0)) ** 2
+    metallic = metallic.default_value
+    return tuple(straight + (float(c) - straight) * metallic for c in colour.default_value[:3])
+
+
+POLISH_INPUTS = ("Metallic", "Base Color", "Roughness", "IOR", "Specular IOR Level", "Normal")
+POLISH_INPUTS += ("Transmission Weight", "Coat Weight", "Thin Film Thickness", "Anisotropic")
+"""Of a Principled BSDF, on which its mirror images depend; the last four make them other ones."""
 
 
 def _is_glossy(tree: bpy.types.NodeTree | None) -> bool:

@@ -45,7 +45,7 @@ class Clamp:
         light = np.broadcast_to(np.asarray(radiance, float), (len(ways), 3))
         tint = ways.colour / np.where(ways.weight > 0.0, ways.weight, 1.0)[:, None]
         most = self.most(ways)
-        found = (np.abs(light) * tint).mean(axis=1) * np.where(ways.rough, part, 1.0)
+        found = np.abs(light * tint).mean(axis=1) * np.where(ways.rough, part, 1.0)
         return light * (part * most / np.maximum(found, most))[:, None]
 
     def most(self, ways: Ways) -> np.ndarray:
@@ -85,7 +85,7 @@ class Lookups(Columns):
     ----------
     pixel : (K,) its number in the picture. share : (K,) part of it that the way's ray stands for.
     weight : (K,) part of the pixel's light. colour : (K, 3) of the ray's light, with tints.
-    most : (K,) light that comes along it at most, tints counted: see `Clamp`.
+    most : (K,) light that it brings to its pixel at most, tints counted: see `Clamp`.
     view, place : (K,) number of the view or `UNSEEN` or `KNOWN`, and pixels (K, 2) there.
     triangle : (K,) of the things that is met, −1: the sky.
     at : (K, 3) where that is; in the sky the direction.
@@ -117,7 +117,7 @@ class Lookups(Columns):
             share,
             ways.weight * share,
             ways.colour,
-            clamp.most(ways).astype(np.float32),
+            (clamp.most(ways) * ways.weight * share).astype(np.float32),
             shown.view,
             shown.pixels,
             ways.triangle,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...optics.vectors import rotated
 from ..names import own
-from ..read.arrays import mesh_triangles, positions, uv_map
+from ..read.arrays import corner_normals, mesh_triangles, positions, uv_map
 from ..read.cutouts import Masks, cutout_of, faces_of, is_invisible
 from ..read.light_linking import is_mirrored
 from ..read.strands import MOST_TRIANGLES, balls, fur, strands
@@ -59,6 +59,8 @@ class Met(Columns):
 
 UNMET = frozenset(("VOLUME", "GREASEPENCIL"))
 """Types of what is drawn without faces and not met."""
+FLAT = 1e-3
+"""Difference between the normals of a face's corners up to which it is flat."""
 Drawn = bpy.types.Mesh | bpy.types.Curves | bpy.types.PointCloud | bpy.types.ParticleSystem
 """What is met."""
 
@@ -227,9 +229,30 @@ class _Builder:
         if (surface < 0).any():
             met = surface >= 0
             corners, loops, surface = corners[met], loops[met], surface[met]
+        if isinstance(drawn, bpy.types.Mesh):
+            surface = self._curved(drawn, loops, surface)
         if len(corners):
             points = rotated(to_world[:3, :3], local.T).T + to_world[:3, 3]
             self._add(points, corners, surface, self._uv_rows(obj.data, loops, surface))
+
+    def _curved(self, mesh: bpy.types.Mesh, loops, surface) -> np.ndarray:
+        """Surfaces' numbers in which those of curved faces are others: what these mirror is not
+        told by their triangles."""
+        for number in np.unique(surface):
+            if self.looks[number].polish is None:
+                continue
+            here = np.flatnonzero(surface == number)
+            normals = corner_normals(mesh)[loops[here]]
+            curved = (np.ptp(normals, axis=1) > FLAT).any(axis=1)
+            if not curved.any():
+                continue
+            key = ("curved", number)
+            if key not in self._numbers:
+                self._numbers[key] = len(self.looks)
+                self.looks.append(replace(self.looks[number], polish=None))
+                self.owners.append(self.owners[number])
+            surface[here[curved]] = self._numbers[key]
+        return surface
 
     def _uv_rows(self, mesh: bpy.types.Mesh, loops, surface) -> np.ndarray:
         """Of triangles, by their face corners, the rows in ``uv``; −1 where nothing is cut out."""
