@@ -420,6 +420,8 @@ def _amended(
     share: np.ndarray,
 ) -> Iterator[Lookups]:
     """What amends the mirror images in polished faces; arguments as of `Lookups.of`."""
+    if not len(ways):
+        return
     # A lamp's image in a glass is too small a thing to be taken away where it is to the pixel.
     cautious = replace(frame.clamp, indirect=1.0 / frame.exposure)
     both = amendments(scene, views, follower, ways, shown)
