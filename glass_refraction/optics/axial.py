@@ -464,22 +464,11 @@ def weights_axial(glass: AxialGlass, eye: Floats, directions: Floats, paths) -> 
     return found, np.clip(rest, 0.0, 1.0)
 
 
-def lengths_axial(glass: AxialGlass, eye: Floats, directions: Floats, path: LightPath) -> tuple:
-    """Lengths and media of the stretches between the events of a path, as `path_lengths`."""
-    total, rows = len(directions), max(len(path) - 1, 0)
-    origins = np.broadcast_to(eye, (total, 3))
-    lengths, media = np.zeros((rows, total)), np.zeros((rows, total), dtype=np.intp)
-
-    def work(block: slice) -> None:
-        groups = start(glass, origins[block], directions[block])
-        for _, group in follow_paths(glass, groups, (path,)):
-            for row, (medium, way) in enumerate(group.trail[1:]):
-                lengths[row, block][group.index] = way * glass.scale
-                media[row, block][group.index] = medium
-
-    if rows:
-        in_blocks(work, total)
-    return lengths, media
+def lengths_axial(glass: AxialGlass, origins: Floats, directions: Floats, path: LightPath):
+    """Indices of rays that take a path, and lengths and media of their stretches, part by part."""
+    for _, group in follow_paths(glass, start(glass, origins, directions), (path,)):
+        media, ways = zip(*group.trail[1:], strict=True)
+        yield group.index, np.stack(ways) * glass.scale, np.array(media)[:, None]
 
 
 LONGEST = 16

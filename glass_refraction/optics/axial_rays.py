@@ -133,13 +133,16 @@ class Passage:
         return Rays(tuple(q - length * (p / self.ior) for q, p in pairs), rays.momentum)
 
     def _meet(self, number: int, rays: Rays, unknowns: Unknowns, marks):
-        """Way to the interface of an event, which rays meet it, and its mark."""
+        """Way to the interface of an event, which rays meet it, its mark, and where on a curve."""
         stage = self.stages[number]
         if not number:
-            return 0.0, True, (np.stack([unknowns[3]] * 2) if len(unknowns) > 3 else None)
-        if not isinstance(stage.surface, Profile):
-            return *stage.surface.meet(rays, stage.back), None
-        return stage.surface.meet_at(rays, stage.back, None if marks is None else marks[number])
+            way, ahead, mark = 0.0, True, np.stack([unknowns[3]] * 2) if len(unknowns) > 3 else None
+        elif not isinstance(stage.surface, Profile):
+            return *stage.surface.meet(rays, stage.back), None, None
+        else:
+            known = None if marks is None else marks[number]
+            way, ahead, mark = stage.surface.meet_at(rays, stage.back, known)
+        return way, ahead, mark, None if mark is None else mark[1]
 
     def line(self, unknowns: Unknowns, stretch: int, marks: Marks | None = None):
         """The rays on one stretch, with slopes, which of them come so far, and their marks."""
@@ -148,8 +151,7 @@ class Passage:
             rays, exists, _ = self.begin(unknowns, True)
             seen = []
             for number, stage in enumerate(self.stages[:stretch]):
-                way, ahead, mark = self._meet(number, rays, unknowns, marks)
-                spot = None if mark is None else mark[1]
+                way, ahead, mark, spot = self._meet(number, rays, unknowns, marks)
                 rays, possible = stage.surface.pass_by(rays, way, stage.gain, spot)
                 exists = exists & ahead & possible
                 seen.append(mark)
@@ -158,33 +160,29 @@ class Passage:
     def course(self, unknowns: Unknowns, marks: Marks | None = None) -> Course:
         """The rays on every stretch, without slopes."""
         with np.errstate(all="ignore"):
-            return self._course(unknowns, marks)
-
-    def _course(self, unknowns: Unknowns, marks: Marks | None) -> Course:
-        rays, exists, length = self.begin(unknowns, False)
-        lines, ways, lengths = (
-            [self._from_eye(rays, length)],
-            [length / self.ior],
-            [0.0 * length, length],
-        )
-        seen = []
-        for number, stage in enumerate(self.stages):
-            way, ahead, mark = self._meet(number, rays, unknowns, marks)
-            spot = None if mark is None else mark[1]
-            seen.append(mark)
-            if number:
-                ways.append(way)
-                lengths.append(lengths[-1] + way * self.glass.media[self.media[number]])
-            before = rays
-            rays, possible = stage.surface.pass_by(rays, way, stage.gain, spot)
-            exists = exists & ahead & possible
-            if not np.all(exists):
-                # What does not exist stays where it was: its numbers must not grow.
-                both = (rays.place, before.place), (rays.momentum, before.momentum)
-                rays = Rays(*(_where(exists, *parts) for parts in both))
-            lines.append(rays)
-        ways.append(np.full(len(length), np.inf))
-        return Course(lines, ways, lengths, exists, seen)
+            rays, exists, length = self.begin(unknowns, False)
+            lines, ways, lengths = (
+                [self._from_eye(rays, length)],
+                [length / self.ior],
+                [0.0 * length, length],
+            )
+            seen = []
+            for number, stage in enumerate(self.stages):
+                way, ahead, mark, spot = self._meet(number, rays, unknowns, marks)
+                seen.append(mark)
+                if number:
+                    ways.append(way)
+                    lengths.append(lengths[-1] + way * self.glass.media[self.media[number]])
+                before = rays
+                rays, possible = stage.surface.pass_by(rays, way, stage.gain, spot)
+                exists = exists & ahead & possible
+                if not np.all(exists):
+                    # What does not exist stays where it was: its numbers must not grow.
+                    both = (rays.place, before.place), (rays.momentum, before.momentum)
+                    rays = Rays(*(_where(exists, *parts) for parts in both))
+                lines.append(rays)
+            ways.append(np.full(len(length), np.inf))
+            return Course(lines, ways, lengths, exists, seen)
 
     def takes(self, unknowns: Unknowns) -> NDArray[np.bool_]:
         """Which rays take the whole path; those that leave it are dropped on the way."""
@@ -193,8 +191,7 @@ class Passage:
             rays, exists, length = self.begin(unknowns, False)
             index, way = np.arange(len(result)), 0.0
             for number, stage in enumerate(self.stages):
-                way, ahead, mark = self._meet(number, rays, unknowns, None)
-                spot = None if mark is None else mark[1]
+                way, ahead, _, spot = self._meet(number, rays, unknowns, None)
                 if number:
                     exists = ahead & stage.surface.within(*rays.at(way))
                     exists &= ~self._hidden(number, rays, way, exists)

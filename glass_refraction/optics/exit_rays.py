@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .axial import nearest
 from .facets import ENDLESS, bent, facet_shares, fold, visible_facets
-from .laws import reflectance_and_cosine
+from .laws import proper_rays, reflectance_and_cosine
 from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, surface_depths
 from .profiles import Profile
 from .solver import in_blocks
@@ -195,7 +195,6 @@ class _Followed:
     ask: Meet | None
     fresnel: bool
     things: Floats | None
-    accuracy: float | None
     pixel: NDArray[np.int64]
     sample: NDArray[np.int64]
     between: Callable[[], None]
@@ -223,8 +222,7 @@ class _Followed:
             size = np.linalg.norm(np.ptp(self.mesh_boxes, axis=(0, 1)))
             self.farthest = FAR_OFF * float(size)
         self.grain = grain(self.mesh_boxes)
-        if self.accuracy is None:
-            self.accuracy = grain(self.things)
+        self.accuracy = grain(self.things)
         if self.meshes and self.ask is None:
             raise ValueError("meet must tell where the glasses are that are meshes, not None")
 
@@ -821,7 +819,6 @@ def exit_rays(
     things: ArrayLike | None = None,
     meet: Meet | None = None,
     fresnel: bool = True,
-    accuracy: float | None = None,
     pixel: ArrayLike | None = None,
     sample: ArrayLike | None = None,
     between: Callable[[], None] | None = None,
@@ -848,16 +845,13 @@ def exit_rays(
         interface (`TOUCHING`) is seen behind it, through a film of what is there.
     things : (B, 2, 3), optional
         Boxes (lower, upper corner) round all things: rays that do not come into one before their
-        next interface are not cast. None: all are.
+        next interface are not cast, and distances may be off by their `grain`. None: all are cast.
     meet
         Tells the next faces of the glasses that are meshes; called once a step for all rays that
         can meet one.
     fresnel
         False: interfaces only refract and take no light in doing so. What is totally reflected is
         followed all the same.
-    accuracy
-        Metres by which distances of `cast` may be off; a thing touches an interface within twice
-        that too. None: `GRAIN` of the longest side of a box in `things`, or 0 without.
     pixel, sample : (M,) int, optional
         Choose the facets of rough glasses: the same numbers, the same facets, whatever moves. The
         rays of one pixel, numbered by `sample`, have facets that are spread evenly. None: every ray
@@ -877,12 +871,7 @@ def exit_rays(
     directions = np.atleast_2d(np.asarray(direction, dtype=float))
     origins = np.asarray(origin, dtype=float)
     total = len(directions)
-    largest = np.abs(directions).max(axis=-1, initial=0.0)
-    fit = np.isfinite(largest) & (largest > 0.0) & np.isfinite(origins).all(axis=-1)
-    proper = np.flatnonzero(fit)
-    unit = np.zeros_like(directions)
-    unit[proper] = directions[proper] / largest[proper, None]
-    unit[proper] /= np.sqrt(np.sum(unit[proper] ** 2, axis=-1, keepdims=True))
+    _, unit, fit = proper_rays(origins, directions)
     boxes = None if things is None else np.asarray(things, dtype=float).reshape(-1, 2, 3)
     followed = _Followed(
         glasses,
@@ -892,14 +881,13 @@ def exit_rays(
         meet,
         fresnel,
         boxes,
-        accuracy,
         _integers("pixel", np.arange(total) if pixel is None else pixel, total),
         _integers("sample", np.zeros(total, int) if sample is None else sample, total),
         between or _go_on,
         stretches,
     )
     lost, stuck = np.where(fit, 0.0, 1.0), np.zeros(total)
-    live = followed.start(origins, unit, proper)
+    live = followed.start(origins, unit, np.flatnonzero(fit))
     while len(live) and followed.steps < most_events + MOST_STRAIGHT:
         live = followed.step(live, lost, stuck)
     lost += np.bincount(live.ray, live.weight, total)

@@ -49,17 +49,16 @@ def path_lengths(
     events = path.events
     directions = np.atleast_2d(np.asarray(directions, dtype=float))
     eye = np.asarray(eye, dtype=float)
-    if isinstance(glass, AxialGlass):
-        return lengths_axial(glass, eye, directions, path)
     total, rows = len(directions), max(len(events) - 1, 0)
     origins = np.broadcast_to(eye, (total, 3))
     lengths, media = np.zeros((rows, total)), np.zeros((rows, total), dtype=np.intp)
     if not rows:
         return lengths, media
-    radial = radial_weights(glass, eye, (events,))
+    axial = isinstance(glass, AxialGlass)
+    radial = None if axial else radial_weights(glass, eye, (events,))
 
     def work(block: slice) -> None:
-        parts = None
+        parts = lengths_axial(glass, origins[block], directions[block], path) if axial else None
         if radial is not None:
             here = eye if eye.ndim == 1 else origins[block]
             parts = radial.lengths(here, directions[block])

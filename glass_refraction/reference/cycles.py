@@ -15,7 +15,7 @@ from mathutils import Matrix
 from .. import optics
 from ..scene.build.glass_material import SURFACES, Interface, glass_shader, surface_look
 from ..scene.build.glass_mesh import Surface, fill_mesh, film, glass_surfaces
-from ..scene.build.shaders import math_node
+from ..scene.build.shaders import math_node, met_where, new_surface
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.rays.looks import look_of
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
@@ -417,9 +417,8 @@ def _glass_material(
     tree.nodes.clear()
     absorption = None if before is None else (before, behind)
     shader = glass_shader(tree, Interface(eta, absorption, roughness, colour), style.surface)
-    output = tree.nodes.new("ShaderNodeOutputMaterial")
     if style.shadows:
-        tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
+        new_surface(tree, shader.outputs["BSDF"])
         return material
     # Light that a rough surface gathers must pass the glass unbent: bent, it would find lamps
     # that the surface has already counted through the glass that casts no shadow.
@@ -440,9 +439,5 @@ def _glass_material(
             counted = math_node(tree, operation, ray[f"{name} Depth"], 0.5)
             kept = math_node(tree, "MULTIPLY", kept, counted)
         meets = math_node(tree, "MAXIMUM", meets, kept)
-    mix = tree.nodes.new("ShaderNodeMixShader")
-    tree.links.new(meets, mix.inputs[0])
-    tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
-    tree.links.new(shader.outputs["BSDF"], mix.inputs[2])
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    new_surface(tree, met_where(tree, meets, shader.outputs["BSDF"]))
     return material

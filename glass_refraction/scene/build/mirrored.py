@@ -23,7 +23,7 @@ from ..read.modifier_inputs import has_input, read_input, write_input
 from .glass_material import Interface, glass_shader, surface_look
 from .glass_mesh import Surface, fill_mesh, film, glass_surfaces
 from .own_scenes import new_collection, new_object, remove_objects, show_only
-from .shaders import math_node, own_material
+from .shaders import math_node, met_where, new_surface, own_material
 
 MIRRORED = "mirrored"
 """Role of the objects and of their material."""
@@ -103,12 +103,7 @@ def _build_material(tree: bpy.types.NodeTree) -> None:
     seen = math_node(
         tree, "GREATER_THAN", images, math_node(tree, "MULTIPLY", ray["Diffuse Depth"], 1e3)
     )
-    mix = tree.nodes.new("ShaderNodeMixShader")
-    tree.links.new(seen, mix.inputs[0])
-    tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
-    tree.links.new(shader.outputs[0], mix.inputs[2])
-    end = tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(mix.outputs[0], end.inputs["Surface"])
+    new_surface(tree, met_where(tree, seen, shader.outputs[0]))
 
 
 def _attribute(tree: bpy.types.NodeTree, name: str) -> bpy.types.ShaderNode:

@@ -30,9 +30,8 @@ def object_colour_material() -> bpy.types.Material:
 def _emit_object_colour(tree: bpy.types.NodeTree) -> None:
     info = tree.nodes.new("ShaderNodeObjectInfo")
     emission = tree.nodes.new("ShaderNodeEmission")
-    end = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(info.outputs["Color"], emission.inputs["Color"])
-    tree.links.new(emission.outputs[0], end.inputs["Surface"])
+    new_surface(tree, emission.outputs[0])
 
 
 def math_node(tree: bpy.types.NodeTree, operation: str, *values) -> bpy.types.NodeSocket:
@@ -45,3 +44,20 @@ def math_node(tree: bpy.types.NodeTree, operation: str, *values) -> bpy.types.No
         else:
             node.inputs[slot].default_value = value
     return node.outputs[0]
+
+
+def met_where(
+    tree: bpy.types.NodeTree, meets: bpy.types.NodeSocket, shader: bpy.types.NodeSocket
+) -> bpy.types.NodeSocket:
+    """A shader for rays for which ``meets`` is 1; others go on as though nothing were there."""
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    clear = tree.nodes.new("ShaderNodeBsdfTransparent")
+    for socket, slot in zip((meets, clear.outputs[0], shader), mix.inputs, strict=True):
+        tree.links.new(socket, slot)
+    return mix.outputs[0]
+
+
+def new_surface(tree: bpy.types.NodeTree, shader: bpy.types.NodeSocket) -> None:
+    """What the material's surface is."""
+    end = tree.nodes.new("ShaderNodeOutputMaterial")
+    tree.links.new(shader, end.inputs["Surface"])

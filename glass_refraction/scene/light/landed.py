@@ -26,7 +26,6 @@ from ..rays.exits import (
     centre_rays,
     grid,
     neighbours,
-    pixel_rect,
 )
 from ..rays.follow import Follower
 from ..rays.hits import Scene, Ways
@@ -158,7 +157,7 @@ def grids(emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float) -> 
     faces = list(zip(*emitter.eyes(places, corners, centre, back), strict=True))
     across = faces[0][0].projection
     # Of the faces of a cube some see no glass.
-    seen = [[pixel_rect(face[0], box) for box in boxes] for face in faces]
+    seen = [[face[0].covered(box, MARGIN_PX) for box in boxes] for face in faces]
     used = sum(any(x1 > x0 and y1 > y0 for x0, y0, x1, y1 in rects) for rects in seen)
     each = rays / (len(places) * max(used, 1))
     width = max(MARGIN_PX, int(np.sqrt(each * across[1, 1] / across[0, 0])))
@@ -173,7 +172,7 @@ def grids(emitter: Emitter, boxes: list[np.ndarray], rays: int, back: float) -> 
         projection[:2] = projection[:2] / around[:, None] - np.outer(moved, projection[3])
         views.append(replace(view, projection=projection, size=size, window=(0, 0, *size)))
         begin = np.array(divmod(number, side))[::-1] * np.add(size, 1)
-        rects += [np.tile(begin, 2) + pixel_rect(views[-1], box) for box in boxes]
+        rects += [np.tile(begin, 2) + views[-1].covered(box, MARGIN_PX) for box in boxes]
     depth = np.array([np.linalg.norm(centre - view.eye) for view in views])
     if views[0].is_parallel or len(faces) > 1:
         depth = np.ones(len(views))

@@ -10,7 +10,6 @@ from statistics import NormalDist
 import numpy as np
 
 from ...optics.vectors import dot, perpendiculars, rotated
-from ..read.viewpoint import Viewpoint
 from .columns import joined
 from .follow import ENOUGH, Follower, way_codes
 from .hits import TOGETHER, Shown, Ways
@@ -74,19 +73,6 @@ class PictureRays:
     share: np.ndarray
     dark: np.ndarray
     ways: Ways
-
-
-def pixel_rect(view: Viewpoint, corners: np.ndarray) -> tuple[int, int, int, int]:
-    """Pixels (x0, y0, x1, y1), half open, that a glass can cover whose box has these corners."""
-    clip = view.clip(corners)
-    width, height = view.size
-    if np.any(clip[:, 2] <= 0):
-        # Some of it is behind the eye, or the eye is in it.
-        return (0, 0, 0, 0) if np.all(clip[:, 2] <= 0) else (0, 0, width, height)
-    xy = clip[:, :2] / clip[:, 2:3] * (width, height)
-    low = np.floor(np.clip(xy.min(axis=0) - MARGIN_PX, 0, (width, height))).astype(int)
-    high = np.ceil(np.clip(xy.max(axis=0) + MARGIN_PX, 0, (width, height))).astype(int)
-    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
 def grid(rects: list[tuple[int, int, int, int]], size: tuple[int, int]) -> np.ndarray:

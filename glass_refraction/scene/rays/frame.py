@@ -22,6 +22,7 @@ from .columns import joined
 from .curtain import curtain, looked_up
 from .edges import off_edges
 from .exits import (
+    MARGIN_PX,
     FinerRays,
     between,
     centre_rays,
@@ -29,7 +30,6 @@ from .exits import (
     filter_sigma,
     grid,
     neighbours,
-    pixel_rect,
     spacing,
     sun_light,
 )
@@ -301,7 +301,7 @@ def _followed(
 ) -> tuple[Rays, Views]:
     """What the picture's rays bring, and all views."""
     view = frame.view
-    rects = [_cut(pixel_rect(view, _corners(body)), frame.region) for body in bodies]
+    rects = [_cut(view.covered(_corners(body), MARGIN_PX), frame.region) for body in bodies]
     pixels = grid(rects, view.size)
     coarse = centre_rays(pixels, follower)
     most = min(frame.captures, room.captures)

@@ -106,16 +106,22 @@ def new_image(name: str, role: str) -> bpy.types.Image:
 class _Lookups(NodeSums):
     """Builds a compositor tree that reads a scene's pictures and looks others up by them."""
 
-    def __init__(self, scene: bpy.types.Scene, role: str, *name: str) -> None:
-        self._scene = scene
+    def __init__(
+        self, scene: bpy.types.Scene, known: dict[str, bpy.types.Image], role: str, *name: str
+    ) -> None:
+        self._scene, self._known = scene, known
         self.tree = bpy.data.node_groups.new(hidden_name(role, *name), "CompositorNodeTree")
         self.tree[TAG] = role
 
-    def _picture(self, *parts: object, output: str = "Image"):
+    def _image(self, *parts: object) -> bpy.types.Image:
         name = image_name(self._scene, *parts)
-        found = (i for i in bpy.data.images if own(i, "picture") and i.name == name)
+        if name not in self._known:
+            self._known[name] = new_image(name, "picture")
+        return self._known[name]
+
+    def _picture(self, *parts: object, output: str = "Image"):
         node = self._node("CompositorNodeImage")
-        node.image = next(found, None) or new_image(name, "picture")
+        node.image = self._image(*parts)
         return node.outputs[output]
 
     def _at(self, image, where, method: str = "Nearest"):
@@ -134,37 +140,57 @@ class _Lookups(NodeSums):
 
 
 class _ViewTree(_Lookups):
-    """Builds the tree of one view's sums, of the packed pixels: from its picture, Image to Image.
+    """Builds trees of one view's sums, of the packed pixels: from its picture, Image to Image.
 
     Blender goes through all of a tree whenever a node or a link is added: one tree of all views
-    took a second to build.
+    took a second to build. So the first view's is built, and the others are copies of it.
     """
 
-    def __init__(self, scene: bpy.types.Scene, number: int, kind: str) -> None:
-        super().__init__(scene, "view sum", str(scene.session_uid), str(number), kind)
+    def __init__(
+        self, scene: bpy.types.Scene, known: dict[str, bpy.types.Image], kind: str
+    ) -> None:
+        self._name = "view sum", str(scene.session_uid), kind
+        self._pictures: dict[str, tuple] = {}
+        super().__init__(scene, known, *self._name)
         for way in ("INPUT", "OUTPUT"):
             self.tree.interface.new_socket("Image", in_out=way, socket_type="NodeSocketColor")
         image = self._node("NodeGroupInput").outputs["Image"]
-        where = self._picture(number, "where")
+        where = self._of_view("where")
         if kind == "colour":
             looked_up = self._interpolated(image, where)
         else:
             looked_up = self._at(image, where, "Bilinear")
         # Alpha is what the samples' weights show; a tint takes none of it.
-        colour, most = (self._picture(number, kind, output=part) for part in ("Image", "Alpha"))
+        colour, most = (self._of_view(kind, output=part) for part in ("Image", "Alpha"))
         found = self._vector("MULTIPLY", looked_up, colour)
         if kind == "colour":
             found = self._limited(found, most)
         done = None
         for level in range(LEVELS):
             if level == EARLY:
-                done = self._at(found, self._picture(number, "into", 0))
-            first = self._at(found, self._picture(number, "first", level))
-            second = self._at(found, self._picture(number, "second", level))
+                done = self._at(found, self._of_view("into", 0))
+            first = self._at(found, self._of_view("first", level))
+            second = self._at(found, self._of_view("second", level))
             found = self._vector("ADD", first, second)
-        rest = self._at(found, self._picture(number, "into", 1))
+        rest = self._at(found, self._of_view("into", 1))
         found = self._vector("ADD", done, rest)
         self._link(found, self._node("NodeGroupOutput").inputs["Image"])
+
+    def of(self, number: int) -> bpy.types.NodeTree:
+        """The tree of the view of that number."""
+        if not number:
+            return self.tree
+        tree = self.tree.copy()
+        tree.name = hidden_name(*self._name, str(number))
+        for name, parts in self._pictures.items():
+            tree.nodes[name].image = self._image(number, *parts)
+        return tree
+
+    def _of_view(self, *parts: object, output: str = "Image"):
+        """A picture that each view has its own of."""
+        found = self._picture(0, *parts, output=output)
+        self._pictures[found.node.name] = parts
+        return found
 
     def _limited(self, light, most):
         """Light whose mean of red, green and blue is above a limit, scaled down to it."""
@@ -208,7 +234,8 @@ class SumTree(_Lookups):
         alpha: bool,
         light: bool = False,
     ) -> None:
-        super().__init__(scene, "composite", scene.name)
+        known = {i.name: i for i in bpy.data.images if own(i, "picture") and i.library is None}
+        super().__init__(scene, known, "composite", scene.name)
         for name, kind in (("Image", "NodeSocketColor"), ("Alpha", "NodeSocketFloat")):
             self.tree.interface.new_socket(name, in_out="INPUT", socket_type=kind)
         self.tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
@@ -301,15 +328,13 @@ class SumTree(_Lookups):
     def _summed(self, views: list[Outputs], kind: str = "colour"):
         """The picture of all samples' sums, at the pixels' places."""
         known = self._picture("known" if kind == "colour" else "known alpha")
-        parts = [self._of_view(number, view, kind) for number, view in enumerate(views)]
+        trees = _ViewTree(self._scene, self._known, kind)
+        nodes = []
+        for number, view in enumerate(views):
+            nodes.append(self._node("CompositorNodeGroup"))
+            nodes[-1].node_tree = trees.of(number)
+            self._link(view.image, nodes[-1].inputs["Image"])
         total = known
-        for part in parts:
-            total = self._vector("ADD", total, part)
+        for node in nodes:
+            total = self._vector("ADD", total, node.outputs["Image"])
         return self._at(total, self._picture("spread"))
-
-    def _of_view(self, number: int, view: Outputs, kind: str):
-        """One view's sums, of the packed pixels."""
-        node = self._node("CompositorNodeGroup")
-        node.node_tree = _ViewTree(self._scene, number, kind).tree
-        self._link(view.image, node.inputs["Image"])
-        return node.outputs["Image"]

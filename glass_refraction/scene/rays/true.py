@@ -22,7 +22,7 @@ from ..build.own_scenes import (
     synchronise,
     write_setting,
 )
-from ..build.shaders import own_material
+from ..build.shaders import new_surface, own_material
 from ..light.emitters import read_emitters
 from ..light.light import KeptLight, LightSettings
 from ..memory import Status, counters, memory_of
@@ -222,8 +222,7 @@ def _material(role: str) -> bpy.types.Material:
         )
         for name, value in _SHADERS[role].items():
             shader.inputs[name].default_value = value
-        end = tree.nodes.new("ShaderNodeOutputMaterial")
-        tree.links.new(shader.outputs[0], end.inputs["Surface"])
+        new_surface(tree, shader.outputs[0])
 
     return own_material(role, build)
 

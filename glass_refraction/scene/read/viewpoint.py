@@ -85,6 +85,18 @@ class Viewpoint:
         clip = self.clip(points)
         return clip[:, :2] / clip[:, 2:3] * np.array(self.size, float)
 
+    def covered(self, points: np.ndarray, margin: int) -> tuple[int, int, int, int]:
+        """Pixels (x0, y0, x1, y1), half open, that what lies between points (N, 3) can cover."""
+        clip = self.clip(points)
+        width, height = self.size
+        if np.any(clip[:, 2] <= 0):
+            # Some of it is behind the eye, or the eye is in it.
+            return (0, 0, 0, 0) if np.all(clip[:, 2] <= 0) else (0, 0, width, height)
+        xy = clip[:, :2] / clip[:, 2:3] * (width, height)
+        low = np.floor(np.clip(xy.min(axis=0) - margin, 0, (width, height))).astype(int)
+        high = np.ceil(np.clip(xy.max(axis=0) + margin, 0, (width, height))).astype(int)
+        return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+
     def rays(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World origins and unit directions (M, 3) of the rays through pixel coordinates (M,)."""
         found = affine(_in_plane(x, y), self.ray_matrix(), np.empty((len(x), 3)))

@@ -99,21 +99,7 @@ def blackman_harris(x: np.ndarray) -> np.ndarray:
 def picture_rect(glass: Glass, view: Viewpoint, margin: int = 3) -> tuple[int, int, int, int]:
     """The pixels that the glass can cover: (x0, y0, x1, y1), half open; empty if x0 >= x1."""
     vertices, _ = first_face(glass, view.eye_for(glass))
-    return covered_rect(view, glass.points_to_world(vertices), margin)
-
-
-def covered_rect(view: Viewpoint, points: np.ndarray, margin: int) -> tuple[int, int, int, int]:
-    """The pixels, half open, that what lies between points (N, 3) of the world can cover."""
-    clip = view.clip(points)
-    width, height = view.size
-    if np.any(clip[:, 2] <= 0):
-        if np.all(clip[:, 2] <= 0):
-            return (0, 0, 0, 0)
-        return (0, 0, width, height)
-    xy = clip[:, :2] / clip[:, 2:3] * (width, height)
-    low = np.floor(np.clip(xy.min(axis=0) - margin, 0, (width, height))).astype(int)
-    high = np.ceil(np.clip(xy.max(axis=0) + margin, 0, (width, height))).astype(int)
-    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+    return view.covered(glass.points_to_world(vertices), margin)
 
 
 def path_regions(

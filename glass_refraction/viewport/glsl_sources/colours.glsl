@@ -16,9 +16,8 @@ bool covered(vec3 p)
   if (has_depth == 0) {
     return false;
   }
-  vec4 clip = view.to_clip * vec4(p, 1.0);
-  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
-  return depth_between(pixel) < dot(view.depth_row, vec4(p, 1.0)) + LAID_ON;
+  vec4 place = vec4(p, 1.0);
+  return depth_between(pixel_at(view.to_clip * place)) < dot(view.depth_row, place) + LAID_ON;
 }
 
 void leave(vec3 p, vec3 d, vec4 light, int g, int number)
@@ -61,14 +60,12 @@ bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float wa
 bool touches(vec3 at, vec3 d, vec4 light, int g, int number)
 {
   vec4 clip = view.to_clip * vec4(at, 1.0);
-  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+  vec2 pixel = pixel_at(clip);
   float near = TOUCHING * row(9 + GLASS_ROWS * g).x;
-  if (has_depth != 0 && clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
-      all(lessThan(pixel, view.size.xy))) {
-    if (abs(depth_near(pixel) - dot(view.depth_row, vec4(at, 1.0))) < near) {
-      add(thing_at(pixel), light);
-      return true;
-    }
+  if (is_in_picture(clip, pixel) &&
+      abs(depth_near(pixel) - dot(view.depth_row, vec4(at, 1.0))) < near) {
+    add(thing_at(pixel), light);
+    return true;
   }
   int slot = capture_of(g);
   if (slot >= 0) {

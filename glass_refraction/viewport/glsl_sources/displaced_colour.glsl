@@ -26,9 +26,8 @@ bool is_there(vec3 q)
 vec4 direct_colour(vec3 p, vec3 normal)
 {
   vec4 clip = view.to_clip * vec4(p, 1.0);
-  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
-  if (has_depth == 0 || clip.w <= 0.0 || any(lessThan(pixel, vec2(0.0))) ||
-      any(greaterThanEqual(pixel, view.size.xy))) {
+  vec2 pixel = pixel_at(clip);
+  if (!is_in_picture(clip, pixel)) {
     return vec4(0.0);
   }
   float z = dot(view.depth_row, vec4(p, 1.0));
@@ -58,8 +57,7 @@ vec4 without_depth(vec3 p)
   if (has_depth != 0 || clip.w <= 0.0) {
     return base;
   }
-  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
-  return direct_at(clamp(pixel, vec2(0.5), view.size.xy - 0.5));
+  return direct_at(clamp(pixel_at(clip), vec2(0.5), view.size.xy - 0.5));
 }
 
 void main()

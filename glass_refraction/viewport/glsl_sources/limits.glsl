@@ -40,3 +40,6 @@ bool by_mirror = false;
 /* Clamped: NVIDIA's compiler refuses an index that it knows to be out of bounds even where no ray
  * ever comes, such as that of glass -1 behind a test for it. */
 vec4 row(int k) { return glasses.rows[max(k, 0)]; }
+
+/* A place (w = 1) or a direction (w = 0) in the frame that three rows from k on lead to. */
+vec3 by_rows(int k, vec4 v) { return vec3(dot(row(k), v), dot(row(k + 1), v), dot(row(k + 2), v)); }

@@ -9,9 +9,7 @@ bool in_thing(int g, vec3 p)
   int first = int(row(9 + GLASS_ROWS * g).w);
   int count = int(row(1 + GLASS_ROWS * g).w);
   for (int k = 0; k < count; k++) {
-    int at = first + THING_ROWS * k;
-    vec4 h = vec4(p, 1.0);
-    vec3 q = abs(vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h)));
+    vec3 q = abs(by_rows(first + THING_ROWS * k, vec4(p, 1.0)));
     if (max(max(q.x, q.y), q.z) < BOX_MARGIN) {
       return true;
     }
@@ -27,9 +25,7 @@ bool meets_boxes(int first, int count, vec3 p, vec3 d, float reach)
   reach += LAID_ON;
   for (int k = 0; k < count; k++) {
     int at = first + THING_ROWS * k;
-    vec4 h = vec4(p, 1.0);
-    vec3 o = vec3(dot(row(at), h), dot(row(at + 1), h), dot(row(at + 2), h));
-    vec3 v = vec3(dot(row(at).xyz, d), dot(row(at + 1).xyz, d), dot(row(at + 2).xyz, d));
+    vec3 o = by_rows(at, vec4(p, 1.0)), v = by_rows(at, vec4(d, 0.0));
     v = mix(v, vec3(1e-20), lessThan(abs(v), vec3(1e-20)));
     vec3 one = (-BOX_MARGIN - o) / v;
     vec3 two = (BOX_MARGIN - o) / v;
@@ -72,9 +68,8 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
   bool leaves = high < min(reach, view.start.z);
   vec4 one = begin + low * step_;
   vec4 two = begin + high * step_;
-  vec2 a = (0.5 * one.xy / one.w + 0.5) * view.size.xy;
-  vec2 b = (0.5 * two.xy / two.w + 0.5) * view.size.xy;
-  vec2 span = b - a;
+  vec2 a = pixel_at(one);
+  vec2 span = pixel_at(two) - a;
   float pixels = max(max(abs(span.x), abs(span.y)), 1e-3);
   float by_pixel = min(1.0 / pixels, 1.0);
   vec2 heading = span / pixels;

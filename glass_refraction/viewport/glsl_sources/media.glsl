@@ -13,33 +13,19 @@ float fresnel(float cosine, float eta, out float behind)
   return 0.5 * (across * across + along * along);
 }
 
-vec3 to_glass(int g, vec3 p)
-{
-  int r = 1 + GLASS_ROWS * g;
-  vec4 h = vec4(p, 1.0);
-  return vec3(dot(row(r + 2), h), dot(row(r + 3), h), dot(row(r + 4), h));
-}
+vec3 to_glass(int g, vec3 p) { return by_rows(3 + GLASS_ROWS * g, vec4(p, 1.0)); }
 
-vec3 to_common(int g, vec3 p)
-{
-  int r = 1 + GLASS_ROWS * g;
-  vec4 h = vec4(p, 1.0);
-  return vec3(dot(row(r + 5), h), dot(row(r + 6), h), dot(row(r + 7), h));
-}
+vec3 to_common(int g, vec3 p) { return by_rows(6 + GLASS_ROWS * g, vec4(p, 1.0)); }
 
 /* Directions stay unit: the frames differ by a rotation and a scale. */
 vec3 turn_in(int g, vec3 d)
 {
-  int r = 1 + GLASS_ROWS * g;
-  vec3 turned = vec3(dot(row(r + 2).xyz, d), dot(row(r + 3).xyz, d), dot(row(r + 4).xyz, d));
-  return row(r + 8).x * turned;
+  return row(9 + GLASS_ROWS * g).x * by_rows(3 + GLASS_ROWS * g, vec4(d, 0.0));
 }
 
 vec3 turn_out(int g, vec3 d)
 {
-  int r = 1 + GLASS_ROWS * g;
-  vec3 turned = vec3(dot(row(r + 5).xyz, d), dot(row(r + 6).xyz, d), dot(row(r + 7).xyz, d));
-  return turned / row(r + 8).x;
+  return by_rows(6 + GLASS_ROWS * g, vec4(d, 0.0)) / row(9 + GLASS_ROWS * g).x;
 }
 
 vec4 medium_row(int g, int m) { return row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m); }

@@ -77,10 +77,8 @@ vec4 beyond(vec3 o, vec3 d, int slot)
     /* In a parallel view what is far off is seen where the ray leaves the scene. */
     clip = view.to_clip * vec4(o + view.start.z * d, 1.0);
   }
-  vec2 pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
-  bool shown = clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
-               all(lessThan(pixel, view.size.xy));
-  if (has_depth != 0 && shown && depth_near(pixel) >= FAR_OFF) {
+  vec2 pixel = pixel_at(clip);
+  if (is_in_picture(clip, pixel) && depth_near(pixel) >= FAR_OFF) {
     return thing_at(pixel);
   }
   if (!may_meet_any(o, d)) {
@@ -100,8 +98,7 @@ vec4 beyond(vec3 o, vec3 d, int slot)
     return capture_colour(slot, d);
   }
   if (clip.w <= 0.0) {
-    clip = view.to_clip * vec4(o, 1.0);
-    pixel = (0.5 * clip.xy / clip.w + 0.5) * view.size.xy;
+    pixel = pixel_at(view.to_clip * vec4(o, 1.0));
   }
   return direct_at(clamp(pixel, vec2(0.5), view.size.xy - 0.5));
 }

@@ -43,6 +43,16 @@ float depth_at(ivec2 pixel)
 
 vec4 direct_at(vec2 pixel) { return smooth_at(direct_tx, pixel); }
 
+/* Where in the view a place in clip space is, in pixels. */
+vec2 pixel_at(vec4 clip) { return (0.5 * clip.xy / clip.w + 0.5) * view.size.xy; }
+
+/* Whether that is in the picture, whose depths are known. */
+bool is_in_picture(vec4 clip, vec2 pixel)
+{
+  return has_depth != 0 && clip.w > 0.0 && all(greaterThanEqual(pixel, vec2(0.0))) &&
+         all(lessThan(pixel, view.size.xy));
+}
+
 /* Clamped as `row` is. */
 vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, CAPTURES - 1)]; }
 
@@ -77,14 +87,19 @@ ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
   return pixel + ivec2(int(at.z), slot) * int(side);
 }
 
-/* How far a place lies behind what the capture shows in its direction, along the face's axis.
- * Depths of less than 0 and more than FAR_OFF: nothing is there. */
+/* How far what the capture shows in a direction is along the face's axis; less than 0 and more than
+ * FAR_OFF: nothing is there. `depth`: see `face_of`. */
+float reach_at(int slot, vec3 d, out float depth)
+{
+  vec3 at = face_of(slot, d, depth);
+  return texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, capture_at(slot).w), 0).r;
+}
+
+/* How far a place lies behind what the capture shows in its direction. */
 float capture_gap(int slot, vec3 p)
 {
-  float side = capture_at(slot).w;
   float depth;
-  vec3 at = face_of(slot, p, depth);
-  float shown = abs(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
+  float shown = abs(reach_at(slot, p, depth));
   return depth - shown;
 }
 
@@ -121,12 +136,11 @@ Around around(int slot, vec3 at)
   return found;
 }
 
-/* The same, where edges run straight though pixels make them stairs. */
+/* The same as `capture_gap`, where edges run straight though pixels make them stairs. */
 float smooth_gap(int slot, vec3 p)
 {
   float depth;
-  vec3 at = face_of(slot, p, depth);
-  Around shown = around(slot, at);
+  Around shown = around(slot, face_of(slot, p, depth));
   return depth - 1.0 / max(dot(shown.parts, shown.near), 1e-19);
 }
 
@@ -147,22 +161,17 @@ bool is_seen(int slot, vec3 p)
   return smooth_gap(slot, q) < THIN + THICK_PART * length(q);
 }
 
-bool is_there(float distance_) { return abs(distance_) < FAR_OFF; }
-
 bool shows_thing(int slot, vec3 d)
 {
-  float side = capture_at(slot).w;
   float depth;
-  vec3 at = face_of(slot, d, depth);
-  return is_there(texelFetch(reach_tx, atlas_pixel(slot, at, at.xy, side), 0).r);
+  return abs(reach_at(slot, d, depth)) < FAR_OFF;
 }
 
 /* The colour in a direction. */
 vec4 capture_colour(int slot, vec3 d)
 {
   float depth;
-  vec3 at = face_of(slot, d, depth);
-  Around shown = around(slot, at);
+  Around shown = around(slot, face_of(slot, d, depth));
   vec3 colour = vec3(0.0);
   float thing = 0.0;
   for (int k = 0; k < 4; k++) {

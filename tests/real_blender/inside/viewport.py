@@ -26,8 +26,12 @@ FRAMES = (1, 10, 20)
 REST_SECONDS = 300
 MANY = 40
 """Quarters of a second in which what takes a few of them is to happen on a busy machine too."""
-REDRAWS = 20
+REDRAWS = 10
 """Of each kind of motion; an even number leaves everything where it was."""
+UNDOS = 4
+"""Steps back, and as many forth."""
+ZOOM = 20.0
+"""Of the camera's view: its frame is 540 pixels wide, most of the view."""
 STEP = (0.002, -0.002)
 """Metres by which eye or eraser move from redraw to redraw."""
 SEEN_STEP = 0.1
@@ -112,12 +116,13 @@ def flat_view(area, kind):
     # A selected glass shows its lines.
     bpy.ops.object.select_all(action="DESELECT")
     space = area.spaces.active
-    space.region_3d.view_perspective = "CAMERA"
+    space.region_3d.view_perspective, space.region_3d.view_camera_zoom = "CAMERA", ZOOM
     # Without overlays EEVEE writes no depths; what they show lies beside the eraser.
     overlay = space.overlay
     overlay.show_overlays = kind != "SOLID"
     overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_cursor = False
     overlay.show_extras = overlay.show_object_origins = overlay.show_outline_selected = False
+    overlay.show_text = False
     space.show_gizmo = False
     space.show_region_ui = space.show_region_toolbar = space.show_region_header = False
     shading = space.shading
@@ -178,7 +183,8 @@ def frames_like_f12():
             picture = screenshot(f"viewport_{kind.lower()}_{frame}", area)
             for _ in range(REST_SECONDS):
                 # EEVEE compiles its shaders first; until then the desk beside the glass is grey.
-                if picture[200, 300, 0] > picture[200, 300, 2] + 0.1:
+                desk = picture[picture.shape[0] // 5, picture.shape[1] // 8]
+                if desk[0] > desk[2] + 0.1:
                     break
                 yield 1.0
                 picture = screenshot(f"viewport_{kind.lower()}_{frame}", area)
@@ -473,7 +479,7 @@ def instances():
     """
     (area,) = areas()
     flat_view(area, "SOLID")
-    area.spaces.active.overlay.show_overlays, area.spaces.active.overlay.show_text = True, False
+    area.spaces.active.overlay.show_overlays = True
     scene, layer = bpy.context.scene, bpy.context.view_layer
     glass, by = bpy.data.objects["Glass"], Vector((0.02, 0.0, 0.0))
     homes = list(glass.users_collection)
@@ -540,11 +546,11 @@ def undo_and_redo():
     (area,) = areas()
     with override(area):
         bpy.ops.ed.undo_push(message="start")
-        for step in range(10):
-            bpy.data.objects["Eraser"].delta_location.x += 0.001
+        for step in range(UNDOS):
+            bpy.data.objects["Eraser"].delta_location.x += 0.01 / UNDOS
             bpy.ops.ed.undo_push(message=f"step {step}")
     for operator in (bpy.ops.ed.undo, bpy.ops.ed.redo):
-        for _ in range(10):
+        for _ in range(UNDOS):
             with override(area):
                 operator()
             yield 0.05
