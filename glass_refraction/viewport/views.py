@@ -415,8 +415,9 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
             each_colour = divisor == _divisor(view, painter.colours) == 1.0
             _sample(view, settings, WAYS_MOVING, each_colour=each_colour)
             painter.use(MOVING_LAYER)
-        # Else the engine only refines what it shows: what is there stays until better is done.
-        if moved or view.is_early:
+        # Else the engine only refines what it shows: what is there stays until better is done. What
+        # was whole is begun anew: no engine tells that it shows its last sample.
+        if moved or view.is_early or view.stage == MORE:
             view.stage = MOVING
     if not view.final:
         _ask_for_rest()
