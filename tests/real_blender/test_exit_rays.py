@@ -111,6 +111,11 @@ def test_behind_a_leaf_is_the_world_where_no_box_is(found):
     assert boxed < 0.2
 
 
+def test_of_two_edges_the_nearer_one_is_drawn(found):
+    """Python let go of their depth buffer: black lines were left of double glazing."""
+    assert found["edges"] == pytest.approx([0.25, 0.25], abs=1e-5)
+
+
 @pytest.mark.parametrize("view", ["eye", "parallel"])
 def test_a_plane_is_a_plane_between_pixels(found, view):
     """Rays that begin on a table met it or not by where in a pixel they began."""

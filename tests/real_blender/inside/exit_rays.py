@@ -360,6 +360,20 @@ def world_behind_a_leaf(paint):
     return [float((one[..., 1] > 0.9).mean()) for one in shown]
 
 
+def nearest_edges(paint):
+    """Depths that are drawn where an edge lies before another, whichever comes first."""
+    wires = __import__("importlib").import_module(f"{paint.__package__}.wires")
+    mesh = bpy.data.meshes.new("Edge")
+    mesh.from_pydata([(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)], [(0, 1)], [])
+    drawn, found = wires.Wires(), []
+    drawn._batches = {0: ((), wires._batch(mesh))}
+    for places in ((-0.5, 0.5), (0.5, -0.5)):
+        drawn._poses = {0: [np.array(Matrix.Translation((0, 0, z))) for z in places]}
+        values = np.array(drawn.draw(np.eye(4), (17, 17)).read().to_list())
+        found.append(float(values.reshape(17, 17)[8, 8]))
+    return found
+
+
 def planes(paint):
     """By what part depths between pixels are off on a plane, seen from an eye and in parallel."""
     rows, columns = 20, 30
@@ -440,6 +454,7 @@ def run():
         result["planes"] = planes(paint)
         result["met"], result["on"] = met_before_edges(paint), met_on_a_table(paint)
         result["world"] = world_behind_a_leaf(paint)
+        result["edges"] = nearest_edges(paint)
         result["amended"] = compare_amended(paint)
         result["lamps"] = compare_lamps(root, paint)
         print("exit_rays:", result, flush=True)
