@@ -24,7 +24,7 @@ from mathutils import Matrix
 from ..optics.vectors import perpendiculars
 from ..scene.changes import put_back
 from .description import Frame, Posed
-from .eye import CAPTURES
+from .eye import CAPTURES, WORLD
 from .jobs import amends_depths, draws_off_screen, is_compiling
 from .paint import _shader, filling
 from .wires import Wires
@@ -48,6 +48,8 @@ NEAR = 0.02
 """Of the glass's reach: what is nearer to the capture's centre is not drawn."""
 FAR = 100.0
 """Least distance drawn, in reaches of the glass."""
+BEYOND = 2.0
+"""The world alone is drawn from that many times the distance on in which all things lie."""
 PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Parts of a glass's box at which a capture's centre may lie."""
 MIDDLE = 0.5
@@ -123,6 +125,8 @@ class Captures:
         self.glasses = 0
         self.centres: list[np.ndarray] = []
         self._seconds: set[int] = set()
+        self._has_world = False
+        self._world_key: tuple = ()
         self.side = 0
         self.version = 0
         self.seconds = 0.0
@@ -166,17 +170,22 @@ class Captures:
 
     @property
     def total(self) -> int:
-        return FACES * (self.glasses + len(self._seconds)) + len(self._wanted)
+        cubes = self.glasses + len(self._seconds) + self._has_world
+        return FACES * cubes + len(self._wanted)
 
     def listed(self) -> list[tuple[np.ndarray, int, np.ndarray | None]]:
         """Centre, side and close picture of each, for `eye.pack_view`; side 0 until all its faces
         are drawn.
         """
         found = []
-        for k, centre in enumerate(self.centres):
+        for k in range(WORLD + 1 if self.centres else 0):
             is_drawn = all((k, f) in self._drawn for f in range(FACES))
-            found.append((centre, self.side if is_drawn else 0, self._closes.get(k)))
+            found.append((self._centre(k), self.side if is_drawn else 0, self._closes.get(k)))
         return found
+
+    def _centre(self, number: int) -> np.ndarray:
+        """Where a capture is seen from; those that are none, and the world, from the first's."""
+        return self.centres[number if number < len(self.centres) else 0]
 
     def aim(self, targets: dict[int, np.ndarray]) -> None:
         """Have close pictures look at places (3,), by the number of their capture.
@@ -195,10 +204,13 @@ class Captures:
                 self._wanted[number] = wanted
                 self._stale.add((number, CLOSE))
 
-    def arrange(self, glasses: list[Posed], shading: tuple, boxes: list[Box]) -> None:
+    def arrange(
+        self, glasses: list[Posed], shading: tuple, boxes: list[Box], everything: int
+    ) -> None:
         """See that every glass has a capture, to be drawn when there is time.
 
-        Until then the last ones are looked up, from where they were drawn.
+        Until then the last ones are looked up, from where they were drawn. Equal numbers
+        ``everything``, and equal shading: the world is as it was.
         """
         side = SIDES.get(shading[0], SIDES["SOLID"])
         glasses = glasses[:CAPTURES]
@@ -215,13 +227,19 @@ class Captures:
             self.glasses = len(glasses)
             self.centres = [glass.middle() for glass in [*glasses, *glasses][:CAPTURES]]
             self._seconds.clear()
-            self._make_atlas((FACES + 1) * side, max(1, len(self.centres)) * side)
+            self._has_world = shading[0] != "SOLID" and bool(glasses)
+            self._make_atlas((FACES + 1) * side, max(1, len(self.centres) + self._has_world) * side)
+            self._world_key = ()
         self._boxes = boxes
-        self.outdate()
+        world_key = (shading, everything)
+        self.outdate(world=world_key != self._world_key)
+        self._world_key = world_key
 
-    def outdate(self) -> None:
-        """The scene or its looks changed."""
-        self._stale = set(product((*range(self.glasses), *self._seconds), range(FACES)))
+    def outdate(self, world: bool = False) -> None:
+        """The scene or its looks changed, and with them the world or not."""
+        faces = set(product((WORLD,) if self._has_world else (), range(FACES)))
+        kept = faces if world else faces & self._stale
+        self._stale = set(product((*range(self.glasses), *self._seconds), range(FACES))) | kept
         self._stale |= {(number, CLOSE) for number in self._wanted}
 
     def leave(self) -> None:
@@ -263,13 +281,17 @@ class Captures:
                 self._closes.pop(number, None)
                 self._stale.discard((number, CLOSE))
             self._look_behind(number, glass)
-        side, centre = self.side, self.centres[number]
+        side, centre = self.side, self._centre(number)
         is_first = self._face is None
         if is_first:
             self._face = gpu.types.GPUOffScreen(side, side, format="RGBA16F")
         scene, layer, space, region = view_3d
         reach = glass.reach()
         near, far = NEAR * reach, max(FAR * reach, space.clip_end)
+        if number == WORLD:
+            ways = (np.linalg.norm(box.corners - centre, axis=1).max() for box in self._boxes)
+            near = BEYOND * max(far, *ways)
+            far = BEYOND * near
         began = time.perf_counter()
         if face == CLOSE:
             rows, projection = self._wanted[number], face_projection(near, far, OPENING)
@@ -345,8 +367,8 @@ class Captures:
     ) -> None:
         side = self.side
         texture = gpu.types.GPUTexture((side, side), format="R32F", data=depth)
-        width, height = (FACES + 1) * side, len(self.centres) * side
-        x, y = face * side, number * side
+        width, height = self._atlas[0].width, self._atlas[0].height
+        x, y = face * side, min(number, len(self.centres)) * side
         low = 2.0 * x / width - 1.0, 2.0 * y / height - 1.0
         high = 2.0 * (x + side) / width - 1.0, 2.0 * (y + side) / height - 1.0
         box = (*low, *high)

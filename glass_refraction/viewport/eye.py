@@ -11,13 +11,16 @@ from .description import Frame
 CAPTURES = 8
 """Captures that the shader's block has room for."""
 
+WORLD = CAPTURES
+"""Number of the one after them, which shows the world alone."""
+
 LAMPS = 16
 """Lamps that it has room for: the strongest."""
 
 LAMP_ROWS = 5
 NO_LAMPS = np.zeros((0, 4))
 
-VIEW_ROWS = 12 + 4 * CAPTURES + LAMP_ROWS * LAMPS
+VIEW_ROWS = 12 + 4 * (WORLD + 1) + LAMP_ROWS * LAMPS
 """Rows of four floats in the block of a view."""
 
 LEAST_AHEAD = 0.5
@@ -135,7 +138,8 @@ def pack_view(
     Parameters
     ----------
     captures : for each its centre (3,) in the world, the pixels of a face's side, 0 while nothing
-        of it is drawn, and of its close picture (3, 3) rows as `capture.aimed` gives them, or None.
+        of it is drawn, and of its close picture (3, 3) rows as `capture.aimed` gives them, or None;
+        the world's is number `WORLD`.
     seconds : how many numbers after a glass's capture its second one comes.
     scene_reach : metres from the frame's origin within which all things are.
     lamps, limits : see `lamps.Lamps`.
@@ -166,11 +170,11 @@ def pack_view(
     block[5] = *pixel_width(view, frame), *(limit or NO_LIMIT for limit in limits)
     block[10] = *view.size, near, far
     block[11] = MARGIN * frame.reach, seconds, longest, len(lamps) // LAMP_ROWS
-    block[12 + 4 * CAPTURES :][: len(lamps)] = lamps
-    for number, (centre, side, close) in enumerate(captures[:CAPTURES]):
+    block[12 + 4 * (WORLD + 1) :][: len(lamps)] = lamps
+    for number, (centre, side, close) in enumerate(captures):
         block[12 + number] = *frame.place(centre), side
         if close is not None:
             right, up, forward = close
-            rows = block[12 + CAPTURES + 3 * number :]
+            rows = block[13 + WORLD + 3 * number :]
             rows[0], rows[1, :3], rows[2, :3] = (*forward, 1.0), right, up
     return block.astype(np.float32)

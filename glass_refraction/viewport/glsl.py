@@ -35,7 +35,7 @@ from .description import (
     SIDE,
     THING_ROWS,
 )
-from .eye import CAPTURES, LAMP_ROWS, LAMPS
+from .eye import CAPTURES, LAMP_ROWS, LAMPS, WORLD
 from .trees import LEAF, NODE_TEXELS, ROW_BITS, TRIANGLE_TEXELS
 
 SOURCES = Path(__file__).parent / "glsl_sources"
@@ -61,10 +61,10 @@ struct View {{
   vec4 size;         /* pixels; depths of the near and of the far plane */
   /* Radius of the ball that holds all glasses; from a capture to a second; longest ray; lamps. */
   vec4 start;
-  /* Centre in the common frame; side of a face in pixels, 0: not drawn yet. */
-  vec4 captures[{CAPTURES}];
+  /* Centre in the common frame; side of a face in pixels, 0: not drawn yet. Last the world's. */
+  vec4 captures[{WORLD + 1}];
   /* Of each one's close picture: forward, and 1 if there is one; right; up. */
-  vec4 closes[{3 * CAPTURES}];
+  vec4 closes[{3 * (WORLD + 1)}];
   /* Of each lamp: from the common frame to its own, three rows; radiance and kind; by what it is
    * multiplied behind glass and mirrored, and its beam. */
   vec4 lamps[{LAMP_ROWS * LAMPS}];
@@ -110,10 +110,17 @@ EDGE = """
 #define EDGE 12.0
 """
 
+SAME_SURFACE = """
+/* Ratio of depths of neighbouring pixels below which one surface goes on. */
+#define GOES_ON 1.15
+"""
+
 VIEWS = (
     EDGE
+    + SAME_SURFACE
     + f"""
 #define CAPTURES {CAPTURES}
+#define WORLD {WORLD}
 """
     + source("views")
 )
@@ -185,4 +192,4 @@ TILES = source("tiles")
 
 # Takes a face of a capture, as the engine drew it, into the atlas of all captures. Where an overlay
 # drew lines of glasses, what is beside them stands in.
-FACE = AMENDED + source("face")
+FACE = AMENDED + SAME_SURFACE + source("face")

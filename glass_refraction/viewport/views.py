@@ -51,7 +51,7 @@ HOLD_SECONDS = 0.25
 """For which faces of captures may be drawn one after the other."""
 SLICE_SECONDS = 0.05
 """Of work at rest, between which Blender sees to the user."""
-EARLY_SECONDS = 0.2
+EARLY_SECONDS = 0.15
 """The same while the engine refines what it shows: between two slices it draws, for longer."""
 REDRAW_SECONDS = 0.02
 """Between looks whether a redraw that was asked for has come."""
@@ -75,9 +75,9 @@ shading and where an engine draws for longer."""
 MOST_PIXELS, PIXELS_STEP = 6.0, 0.25
 """A side, of which a moving picture has one sample at least, and by how much that may change: for
 each a picture of its own is made."""
-LEAST_PIXELS = 2000
+LEAST_PIXELS = 700
 """Of a slice of a sample: fewer tell nothing of the speed."""
-STRIP_PIXELS = 6000
+STRIP_PIXELS = 2000
 """Of a strip at most, unless all strips of the last sample were quick: some take much longer than
 those before."""
 MOST_GROWTH = 4.0
@@ -370,7 +370,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     # Much is evaluated anew of which nothing can be seen.
     seen = (told.seen, model.signature())
     if view.stamp[:2] != (seen, looks) and model.is_shown:
-        captures.arrange(model.glasses, looks, model.boxes)
+        captures.arrange(model.glasses, looks, model.boxes, told.everything)
         view.lamps.read(layer, space, model.lamps, {place.obj.name for place in model.lines})
     if model.meshes.waits:
         view.final = False
@@ -415,8 +415,9 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
             each_colour = divisor == _divisor(view, painter.colours) == 1.0
             _sample(view, settings, WAYS_MOVING, each_colour=each_colour)
             painter.use(MOVING_LAYER)
-        # Else the engine only refines what it shows: what is there stays until better is done.
-        if moved or view.is_early:
+        # Else the engine only refines what it shows: what is there stays until better is done. What
+        # was whole is begun anew: no engine tells that it shows its last sample.
+        if moved or view.is_early or view.stage == MORE:
             view.stage = MOVING
     if not view.final:
         _ask_for_rest()

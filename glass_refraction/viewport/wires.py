@@ -89,8 +89,9 @@ class Wires:
             depth = gpu.types.GPUTexture(size, format="R32F")
             hidden = gpu.types.GPUTexture(size, format="DEPTH_COMPONENT32F")
             target = gpu.types.GPUFrameBuffer(depth_slot=hidden, color_slots=[depth])
-            self._targets[size] = depth, target
-        texture, target = self._targets[size]
+            # Framebuffers hold no textures: one that Python lets go of is attached no more.
+            self._targets[size] = depth, target, hidden
+        texture, target, _ = self._targets[size]
         shader = _shader()
         with target.bind():
             gpu.state.viewport_set(0, 0, width, height)

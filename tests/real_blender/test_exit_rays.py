@@ -103,6 +103,19 @@ def test_what_begins_on_a_table_meets_it(found):
     assert found["on"] == 1.0
 
 
+def test_behind_a_leaf_is_the_world_where_no_box_is(found):
+    """What no view shows to its end looked like what is beside the edge that hides it: in leaves
+    before an HDRI most of a carafe was table."""
+    open_, boxed = found["world"]
+    assert open_ == 1.0
+    assert boxed < 0.2
+
+
+def test_of_two_edges_the_nearer_one_is_drawn(found):
+    """Python let go of their depth buffer: black lines were left of double glazing."""
+    assert found["edges"] == pytest.approx([0.25, 0.25], abs=1e-5)
+
+
 @pytest.mark.parametrize("view", ["eye", "parallel"])
 def test_a_plane_is_a_plane_between_pixels(found, view):
     """Rays that begin on a table met it or not by where in a pixel they began."""

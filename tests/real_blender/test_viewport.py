@@ -143,6 +143,11 @@ def test_faces_that_were_drawn_in_haste_are_drawn_again_at_rest(found):
     assert found["played_faces"]["MATERIAL"][1] >= 6
 
 
+def test_a_sample_that_an_engine_shows_late_is_looked_at_anew(found):
+    """On a busy machine one came after the final picture, which went on to an eighth sample."""
+    assert found["late"] == [False, True, ""]
+
+
 @pytest.mark.parametrize("kind", ["SOLID", "MATERIAL"])
 def test_pixels_have_more_samples_where_samples_differ(found, kind):
     counts = {int(float(number)): pixels for number, pixels in found["samples"][kind].items()}

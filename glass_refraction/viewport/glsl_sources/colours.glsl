@@ -26,7 +26,8 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
   float way = NOWHERE;
   int slot = capture_of(g);
   last_shown = vec4(-1.0);
-  if (!may_meet_any(p, d) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
+  unseen_ways = vec2(0.0, NOWHERE);
+  if (!may_meet_any(p, d, NOWHERE) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
     colour = beyond(p, d, slot);
   }
   colour.rgb += lamps(p, d, way, light.rgb);

@@ -33,10 +33,32 @@ ivec2 beside_wires(ivec2 pixel)
   return pixel;
 }
 
+float depth_at(ivec2 pixel)
+{
+  float value = value_of(depth_tx, clamp(pixel, ivec2(0), textureSize(depth_tx, 0) - 1));
+  return value < 1.0 ? depth_of(value) : 1e20;
+}
+
+bool goes_on(float one, float other) { return max(one, other) < GOES_ON * min(one, other); }
+
+/* A pixel whose colour is a thing's own: EEVEE's samples mix those on both sides of an edge. */
+ivec2 within(ivec2 pixel)
+{
+  float own = depth_at(pixel);
+  for (int k = 0; k < 4; k++) {
+    ivec2 step_ = (k & 1) == 0 ? ivec2(1 - (k & 2), 0) : ivec2(0, 1 - (k & 2));
+    if (!goes_on(own, depth_at(pixel + step_)) && goes_on(own, depth_at(pixel - step_))) {
+      return pixel - step_;
+    }
+  }
+  return pixel;
+}
+
 void main()
 {
   ivec2 pixel = beside_wires(ivec2(gl_FragCoord.xy) - origin);
-  color = texelFetch(face_tx, pixel, 0);
+  ivec2 inner = amended != 0 ? within(pixel) : pixel;
+  color = texelFetch(face_tx, clamp(inner, ivec2(0), textureSize(face_tx, 0) - 1), 0);
   float value = value_of(depth_tx, pixel);
   reach = vec4(value < 1.0 ? depth_of(value) : (color.a > 0.5 ? 1e20 : -1e20));
 }

@@ -203,6 +203,8 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
 /* Of a ray that no view shows to its end: where a capture shows what lies beside the edge behind
  * which the ray went, as the direction from the capture and its number; less than 0 for none. */
 vec4 last_shown = vec4(-1.0);
+/* And the ways along it between which no view shows it. */
+vec2 unseen_ways = vec2(0.0, NOWHERE);
 
 /* Where a ray meets what a capture shows: marched by equal angles round the capture's centre.
  * `hidden`: it was behind something. */
@@ -225,6 +227,7 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
   vec2 angle = vec2(cos(low), sin(low));
   float before = 0.0;
   bool behind = smooth_gap(slot, q) > THICK_PART * length(q);
+  vec2 ways = behind ? vec2(0.0) : vec2(NOWHERE, 0.0);
   hidden = behind;
   at = vec3(0.0);
   way = reach;
@@ -258,16 +261,21 @@ bool march_capture(int slot, vec3 o, vec3 d, float reach, out vec3 at, out float
         return true;
       }
       behind = hidden = true;
+      ways.x = min(ways.x, near);
       if (last_shown.w < 0.0) {
         /* Right beside the edge pixels are mixed. */
-        last_shown = vec4(normalize(q + near * d) + normalize(q + before * d), float(slot));
+        vec3 beside = normalize(q + near * d), off = normalize(q + before * d) - beside;
+        off *= min(1.0, CAPTURE_STRIDE / capture.w / max(length(off), 1e-9));
+        last_shown = vec4(beside + off, float(slot));
       }
     }
     else if (gap <= 0.0) {
+      ways.y = behind ? t : ways.y;
       behind = false;
     }
     before = t;
   }
+  unseen_ways = vec2(max(unseen_ways.x, ways.x), min(unseen_ways.y, behind ? NOWHERE : ways.y));
   way = reach;
   return false;
 }

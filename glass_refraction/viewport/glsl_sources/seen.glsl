@@ -20,6 +20,9 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
       colour = thing_at(pixel);
     }
   }
+  if (!hidden) {
+    unseen_ways = vec2(NOWHERE, 0.0);
+  }
   if (slot >= 0 && hidden) {
     vec3 at;
     float other;
@@ -46,26 +49,20 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
   return found;
 }
 
-/* Whether a ray may meet anything: things are in boxes, if it is known where they are. */
-bool may_meet_any(vec3 p, vec3 d)
+/* Whether a ray may meet anything within its reach: things are in boxes, if it is known where. */
+bool may_meet_any(vec3 p, vec3 d, float reach)
 {
-  return row(0).w < 0.0 || meets_boxes(int(row(0).z), int(row(0).w), p, d, NOWHERE);
+  return row(0).w < 0.0 || meets_boxes(int(row(0).z), int(row(0).w), p, d, reach);
 }
 
-/* The world in a direction in which the view does not show it: as the capture shows it there, else
- * as high to another side. Solid shading leaves it to the background. */
+/* The world in a direction in which the view does not show it. Solid shading leaves it to the
+ * background. */
 vec4 sky(vec3 d, int slot)
 {
   if (backdrop.w > 0.5) {
     return vec4(0.0);
   }
-  vec3 along = d;
-  for (int k = 0; slot >= 0 && k < 4; k++) {
-    if (!shows_thing(slot, along)) {
-      return capture_colour(slot, along);
-    }
-    along = vec3(-along.y, along.x, along.z);
-  }
+  slot = capture_at(WORLD).w > 0.5 ? WORLD : slot;
   return slot >= 0 ? capture_colour(slot, d) : vec4(0.0);
 }
 
@@ -81,7 +78,8 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   if (is_in_picture(clip, pixel) && depth_near(pixel) >= FAR_OFF) {
     return thing_at(pixel);
   }
-  if (!may_meet_any(o, d)) {
+  float hidden = unseen_ways.y - unseen_ways.x;
+  if (hidden <= 0.0 || !may_meet_any(o + unseen_ways.x * d, d, hidden)) {
     return sky(d, slot);
   }
   if (slot >= 0) {
@@ -92,8 +90,10 @@ vec4 beyond(vec3 o, vec3 d, int slot)
     }
     if (backdrop.w < 0.5 && last_shown.w >= 0.0) {
       /* What lies beside the edge behind which it went is most like what it ends on. Solid shading
-       * has no textures: there the thing before it is more like its own back. */
-      return capture_colour(int(last_shown.w), last_shown.xyz);
+       * has no textures: there the thing before it is more like its own back. The world is far off,
+       * and another in other directions. */
+      int other = int(last_shown.w);
+      return shows_thing(other, last_shown.xyz) ? capture_colour(other, last_shown.xyz) : sky(d, slot);
     }
     return capture_colour(slot, d);
   }

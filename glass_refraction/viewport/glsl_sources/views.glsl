@@ -13,8 +13,6 @@
 #define CAPTURE_STRIDE 5.0
 #define HALVINGS 6
 #define EDGE_HALVINGS 4
-/* Ratio of depths of neighbouring pixels below which one surface goes on. */
-#define GOES_ON 1.15
 /* How far behind a thing's edge a ray still meets it, in common units: pixels do not tell where
  * exactly the edge is. */
 #define SLACK 0.05
@@ -54,13 +52,13 @@ bool is_in_picture(vec4 clip, vec2 pixel)
 }
 
 /* Clamped as `row` is. */
-vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, CAPTURES - 1)]; }
+vec4 capture_at(int slot) { return view.captures[clamp(slot, 0, WORLD)]; }
 
 /* Which face of a capture shows a direction, and which pixel of it: (x, y, face); the last one is
  * its close picture. `depth`: of d along the face's axis. */
 vec3 face_of(int slot, vec3 d, out float depth)
 {
-  int close = 3 * clamp(slot, 0, CAPTURES - 1);
+  int close = 3 * clamp(slot, 0, WORLD);
   vec4 forward = view.closes[close];
   float side = capture_at(slot).w;
   if (forward.w > 0.0) {
@@ -84,7 +82,9 @@ vec3 face_of(int slot, vec3 d, out float depth)
 ivec2 atlas_pixel(int slot, vec3 at, vec2 in_face, float side)
 {
   ivec2 pixel = clamp(ivec2(in_face), ivec2(0), ivec2(int(side) - 1));
-  return pixel + ivec2(int(at.z), slot) * int(side);
+  /* The world's are the last ones. */
+  int row_ = slot == WORLD ? textureSize(reach_tx, 0).y / int(side) - 1 : slot;
+  return pixel + ivec2(int(at.z), row_) * int(side);
 }
 
 /* How far what the capture shows in a direction is along the face's axis; less than 0 and more than

@@ -342,6 +342,38 @@ def met_on_a_table(paint):
     return float((found[..., 3] > 0.5).mean())
 
 
+def world_behind_a_leaf(paint):
+    """Parts of rays that show the world, of those that go behind a leaf: with a box before it, and
+    with one there.
+    """
+    random = np.random.default_rng(3)
+    origins, through = np.ones((2, 20, 30, 3))
+    origins[..., 1:] = random.uniform((-1.5, -0.5), (-0.6, 0.5), (20, 30, 2))
+    through[..., 0] = 2.0
+    through[..., 1:] = random.uniform((-0.4, -0.5), (-0.1, 0.5), (20, 30, 2))
+    along = through - origins
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    leaf = np.array(((1e6, 0, 0, -2e6), (0, 1, 0, -1), (0, 0, 0.5, 0)))
+    before = np.array(((5, 0, 0, -7), (0, 0.1, 0, 0), (0, 0, 0.1, 0)))
+    there = np.array(((0.1, 0, 0, -1.3), (0, 0.1, 0, -0.5), (0, 0, 0.1, 0)))
+    shown = (passes.behind_a_leaf(paint, origins, along, [leaf, box]) for box in (before, there))
+    return [float((one[..., 1] > 0.9).mean()) for one in shown]
+
+
+def nearest_edges(paint):
+    """Depths that are drawn where an edge lies before another, whichever comes first."""
+    wires = __import__("importlib").import_module(f"{paint.__package__}.wires")
+    mesh = bpy.data.meshes.new("Edge")
+    mesh.from_pydata([(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)], [(0, 1)], [])
+    drawn, found = wires.Wires(), []
+    drawn._batches = {0: ((), wires._batch(mesh))}
+    for places in ((-0.5, 0.5), (0.5, -0.5)):
+        drawn._poses = {0: [np.array(Matrix.Translation((0, 0, z))) for z in places]}
+        values = np.array(drawn.draw(np.eye(4), (17, 17)).read().to_list())
+        found.append(float(values.reshape(17, 17)[8, 8]))
+    return found
+
+
 def planes(paint):
     """By what part depths between pixels are off on a plane, seen from an eye and in parallel."""
     rows, columns = 20, 30
@@ -396,7 +428,7 @@ def compare_lamps(root, paint):
         packed = lamps.packed(frame)
         block = np.zeros((eye.VIEW_ROWS, 4))
         block[5], block[11, 3] = eye.NO_LIMIT, 1.0
-        block[12 + 4 * eye.CAPTURES :][: len(packed)] = packed
+        block[12 + 4 * (eye.WORLD + 1) :][: len(packed)] = packed
         found = passes.lamps_light(paint, block, frame.place(starts), along, 1e9).reshape(-1, 3)
         wanted = np.zeros_like(found)
         rays_of = zip(starts.reshape(-1, 3), along.reshape(-1, 3), strict=True)
@@ -421,6 +453,8 @@ def run():
         result["straight"], result["rods"] = straight_edges(paint), edges_of_rods(paint)
         result["planes"] = planes(paint)
         result["met"], result["on"] = met_before_edges(paint), met_on_a_table(paint)
+        result["world"] = world_behind_a_leaf(paint)
+        result["edges"] = nearest_edges(paint)
         result["amended"] = compare_amended(paint)
         result["lamps"] = compare_lamps(root, paint)
         print("exit_rays:", result, flush=True)

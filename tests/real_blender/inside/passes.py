@@ -219,7 +219,8 @@ void main()
   vec2 at;
   float way;
   bool hidden;
-  bool found = may_meet_any(o, d) && march_direct(o, d, view.start.z, 0, -1, at, way, hidden);
+  float far = view.start.z;
+  bool found = may_meet_any(o, d, far) && march_direct(o, d, far, 0, -1, at, way, hidden);
   frag = vec4(at, way, float(found));
 }
 """
@@ -243,7 +244,6 @@ def marched(
     (rows, columns, 4): place in the picture, way, and whether anything is met.
     """
     height, width = depths.shape
-    rows, columns, _ = origins.shape
     direct = paint.Direct()
     direct.size = (width, height)
     direct.depth = direct._plain = paint._texture(np.ascontiguousarray(depths, np.float32), "R32F")
@@ -261,14 +261,60 @@ def marched(
     block[11, 2] = width + height
     side = 8
     block[12] = 0.0, 0.0, 0.0, side
-    inputs = {}
+    faces = _constant(paint, "capture", "FACES") + 1
+    inputs = {
+        "depth_tx": direct.depth,
+        "tile_tx": tile_tx,
+        "reach_tx": paint._texture(np.full((side, faces * side), NOTHING, np.float32), "R32F"),
+    }
+    return _looked_up(
+        paint, MARCH, block, origins, directions, inputs, [] if box is None else [box]
+    )
+
+
+BEHIND = """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec3 o = texelFetch(origin_tx, pixel, 0).xyz, d = texelFetch(along_tx, pixel, 0).xyz;
+  float way;
+  if (!seen(o, d, NOWHERE, 0, -1, frag, way)) {
+    frag = beyond(o, d, 0);
+  }
+}
+"""
+
+
+def behind_a_leaf(
+    paint, origins: np.ndarray, directions: np.ndarray, boxes: list[np.ndarray]
+) -> np.ndarray:
+    """(rows, columns, 4) what rays show that no view sees to their end: green is the world alone.
+
+    A capture at the origin shows a flat leaf at x = 2, where y > 0. ``boxes``: see `marched`.
+    """
+    side, faces = 8, _constant(paint, "capture", "FACES") + 1
+    world = _constant(paint, "eye", "WORLD")
+    block = np.zeros((_constant(paint, "eye", "VIEW_ROWS"), 4))
+    block[11, 2] = 50.0
+    block[12, 3] = block[12 + world, 3] = side
+    reach = np.full((2 * side, faces * side), -NOTHING, np.float32)
+    reach[:side, side // 2 : side] = 2.0
+    colours = np.zeros((*reach.shape, 4), np.float32)
+    colours[:side, :, 0] = colours[side:, :, 1] = 1.0
+    inputs = {
+        "reach_tx": paint._texture(reach, "R32F"),
+        "capture_tx": paint._texture(colours, "RGBA32F"),
+    }
+    return _looked_up(paint, BEHIND, block, origins, directions, inputs, boxes)
+
+
+def _looked_up(paint, text: str, block, origins, directions, inputs: dict, boxes: list):
+    """(rows, columns, 4) that a text gives for rays; ``boxes`` of all things, none: who knows."""
+    rows, columns, _ = origins.shape
     for name, values in (("origin_tx", origins), ("along_tx", directions)):
         filled = np.ones((rows, columns, 4), np.float32)
         filled[..., :3] = values
         inputs[name] = paint._texture(filled, "RGBA32F")
-    inputs |= {"depth_tx": direct.depth, "tile_tx": tile_tx}
-    faces = _constant(paint, "capture", "FACES") + 1
-    inputs["reach_tx"] = paint._texture(np.full((side, faces * side), NOTHING, np.float32), "R32F")
     glsl = import_module(".glsl", paint.__package__)
     between = paint.DESCRIPTIONS["between"]
     shader = paint.compiled(
@@ -276,12 +322,12 @@ def marched(
         | {
             "constants": [c for c in between["constants"] if c[1] != "parts"],
             "samplers": [*between["samplers"], "origin_tx", "along_tx"],
-            "fragment": f"{glsl.HOOKS}{glsl.SMOOTH}{glsl.FOLLOW}{glsl.LOOKUP}{MARCH}",
+            "fragment": f"{glsl.HOOKS}{glsl.SMOOTH}{glsl.FOLLOW}{glsl.LOOKUP}{text}",
         }
     )
     things = np.zeros((_constant(paint, "description", "ROWS"), 4))
-    things[0, 2:] = 1, -1 if box is None else 1
-    things[1:4] = 0.0 if box is None else box
+    things[0, 2:] = 1, len(boxes) or -1
+    things[1 : 1 + 3 * len(boxes)] = np.reshape(boxes, (-1, 4))
     glasses, view = paint._uniform(things), paint._uniform(block)
     none = paint._texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
     _, target = paint._target((columns, rows), "RGBA32F")
