@@ -14,7 +14,7 @@ from mathutils import Matrix
 
 from .. import optics
 from ..scene.build.glass_material import SURFACES, Interface, glass_shader, surface_look
-from ..scene.build.glass_mesh import Surface, fill_mesh, film, glass_surfaces
+from ..scene.build.glass_mesh import FILM, Surface, fill_mesh, film, glass_surfaces
 from ..scene.build.shaders import math_node, met_where, new_surface
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.rays.looks import look_of
@@ -214,6 +214,11 @@ def _show_mesh(obj: bpy.types.Object, glass: Glass, style: _Style) -> None:
     shown = read_input(modifier, "Show in Render")
     style.temporary.callback(write_input, modifier, "Show in Render", shown)
     write_input(modifier, "Show in Render", True)
+    if obj.is_editable:
+        # A film of air, see `film`: half of it, against the normals.
+        thinner = obj.modifiers.new(REFERENCE, "DISPLACE")
+        thinner.strength = -FILM * float(np.ptp(np.array(obj.bound_box), axis=0).max())
+        style.temporary.callback(obj.modifiers.remove, thinner)
     absorption = glass.absorption if glass.is_tinted else (None, None)
     material = style.material((glass.description.ior, *absorption, *surface_look(glass)))
     if not obj.material_slots:
@@ -405,6 +410,7 @@ def _glass_material(
     behind: tuple | None,
     roughness: float = 0.0,
     colour: tuple[float, float, float] = CLEAR,
+    mirrored: tuple[float, float, float] = CLEAR,
 ) -> bpy.types.Material:
     """A clear material whose back is ``eta`` times as dense as its front.
 
@@ -416,7 +422,8 @@ def _glass_material(
     tree = material.node_tree
     tree.nodes.clear()
     absorption = None if before is None else (before, behind)
-    shader = glass_shader(tree, Interface(eta, absorption, roughness, colour), style.surface)
+    interface = Interface(eta, absorption, roughness, colour, mirrored)
+    shader = glass_shader(tree, interface, style.surface)
     if style.shadows:
         new_surface(tree, shader.outputs["BSDF"])
         return material

@@ -11,8 +11,10 @@ from mathutils import Euler, Matrix, Vector  # noqa: E402
 from glass_refraction.optics import CylinderGlass, FlatGlass, SphereGlass  # noqa: E402
 from glass_refraction.reference import cycles  # noqa: E402
 from glass_refraction.reference.cycles import render_reference  # noqa: E402
+from glass_refraction.scene.build.glass_material import Interface, glass_shader  # noqa: E402
 from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
 from glass_refraction.scene.read.glasses import Glass  # noqa: E402
+from glass_refraction.scene.read.mesh_glasses import material_interface  # noqa: E402
 
 SIZE = 64
 WALL_Y = 0.25
@@ -358,6 +360,42 @@ def test_bodies_that_a_simulation_moved_are_named(scene):
     with pytest.raises(RefractiveGlassError, match='"Cube" has moved'):
         render_reference(scene, samples=1, glasses=[])
     assert len(bpy.data.scenes) == 1
+
+
+def test_a_mesh_on_a_table_has_a_film_of_air_under_it(scene):
+    """Of two faces in one place a path tracer meets either: under the film light is mirrored."""
+    bpy.ops.mesh.primitive_plane_add(size=0.4, location=(0.0, 0.0, -0.02))
+    bpy.context.object.data.materials.append(place_material())
+    bpy.ops.mesh.primitive_cube_add(size=0.04)
+    cube = bpy.context.object
+    bpy.ops.object.refractive_glass_modifier_add(shape="MESH", ior=1.5)
+    scene.camera.location.z = 0.05
+    scene.camera.rotation_euler.x -= 0.1
+    modifiers, groups = [m.name for m in cube.modifiers], len(bpy.data.node_groups)
+    found = render_reference(scene)
+    assert [m.name for m in cube.modifiers] == modifiers
+    assert len(bpy.data.node_groups) == groups
+    cube.location.z += 1e-5
+    np.testing.assert_allclose(found, render_reference(scene), atol=2e-3)
+
+
+@pytest.mark.parametrize("ior", [1.5, 0.8])
+def test_the_references_material_says_of_a_glass_what_the_users_does(ior):
+    material = bpy.data.materials.new("Green")
+    tree = material.node_tree
+    node = tree.nodes["Principled BSDF"]
+    node.inputs[0].default_value = (0.5, 1.0, 0.7, 1.0)
+    node.inputs["IOR"].default_value = ior
+    node.inputs["Transmission Weight"].default_value = 1.0
+    found = material_interface(material)
+    surface = found.roughness, found.refracted, found.reflected
+    copy = bpy.data.materials.new("Copy").node_tree
+    shader = glass_shader(copy, Interface(found.ior, None, *surface))
+    copy.links.new(shader.outputs[0], copy.nodes["Material Output"].inputs["Surface"])
+    again = material_interface(bpy.data.materials["Copy"])
+    np.testing.assert_allclose((again.ior, again.roughness), (found.ior, found.roughness))
+    for side in ("refracted", "reflected"):
+        np.testing.assert_allclose(getattr(again, side), getattr(found, side), rtol=1e-6)
 
 
 def test_bad_input_is_named(scene):

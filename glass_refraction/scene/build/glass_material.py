@@ -26,19 +26,22 @@ class Interface:
     eta : how many times as dense its back is as its front.
     absorption : coefficients (red, green, blue, per metre) of the media at its front and back, or
         None where both are clear.
-    roughness, colour : of the surface.
+    roughness, colour : of the surface. mirrored : its colour for what it reflects, if another.
     """
 
     eta: Value
     absorption: tuple[Sequence[Value], Sequence[Value]] | None = None
     roughness: Value = 0.0
     colour: Sequence[Value] = CLEAR
+    mirrored: Sequence[Value] | None = None
 
 
-def surface_look(glass: Glass) -> tuple[float, tuple[float, float, float]]:
-    """Roughness and colour of a glass's surface."""
+def surface_look(glass: Glass) -> tuple[float, Sequence[float], Sequence[float]]:
+    """Roughness of a glass's surface, its colour, and that of what it reflects."""
     mesh = glass.description
-    return (mesh.roughness, mesh.refracted) if glass.is_mesh else (0.0, CLEAR)
+    return (
+        (mesh.roughness, mesh.refracted, mesh.reflected) if glass.is_mesh else (0.0, CLEAR, CLEAR)
+    )
 
 
 def glass_shader(
@@ -48,6 +51,9 @@ def glass_shader(
 
     What a ray lost on its way to the surface, it loses there.
     """
+    another = interface.mirrored not in (None, interface.colour)
+    if another and interface.absorption is None and surface == "GLASS":
+        return _principled(tree, interface)
     shader = tree.nodes.new(SURFACES[surface])
     _give(tree, interface.eta, shader.inputs["IOR"])
     _give(tree, interface.roughness, shader.inputs["Roughness"])
@@ -58,6 +64,18 @@ def glass_shader(
     for channel in range(3):
         _give(tree, colour[channel], join.inputs[channel])
     tree.links.new(join.outputs["Color"], shader.inputs["Color"])
+    return shader
+
+
+def _principled(tree: bpy.types.NodeTree, interface: Interface) -> bpy.types.ShaderNode:
+    """Glass that mirrors in another colour than it lets through: the Glass BSDF has one."""
+    shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    shader.inputs["IOR"].default_value = interface.eta
+    shader.inputs["Roughness"].default_value = interface.roughness
+    shader.inputs["Transmission Weight"].default_value = 1.0
+    # It refracts by the root of its colour.
+    shader.inputs["Base Color"].default_value = (*(part**2 for part in interface.colour), 1.0)
+    shader.inputs["Specular Tint"].default_value = (*interface.mirrored, 1.0)
     return shader
 
 

@@ -183,7 +183,7 @@ def _filling(glass: Glass | None, to_local: np.ndarray | None, through: bool) ->
     faces, media = [len(surface.sizes) for surface in surfaces], glass.description.media
     tints = np.array(glass.absorption if glass.is_tinted else ((0.0,) * 3,) * len(media))
     before, behind = (tints[[s.media[side] for s in surfaces]] for side in (0, 1))
-    roughness, colour = surface_look(glass)
+    roughness, colour, _ = surface_look(glass)
     eta = np.array([surface.ior_inside / surface.ior_outside for surface in surfaces])
     attributes = (
         (_ETA, "FLOAT", "value", eta),

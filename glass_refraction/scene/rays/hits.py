@@ -245,6 +245,13 @@ class Scene:
         hole[some] = self._is_hole[surface] | self._is_lamp[surface]
         return hole & self.sky.is_clear(ways)
 
+    def side(self, ways: Ways) -> np.ndarray:
+        """(K,) 1 or -1 for the side of the triangle that ways meet, 0 of the sky."""
+        side, some = np.zeros(len(ways), np.int8), np.flatnonzero(~ways.is_sky)
+        facing = np.einsum("nk,nk->n", ways.direction[some], self.normals[ways.triangle[some]])
+        side[some] = np.where(facing > 0.0, -1, 1)
+        return side
+
     def hits(self, ways: Ways) -> Hits:
         """The hits of ways."""
         count = len(ways)

@@ -189,9 +189,7 @@ def _shader_look(material: bpy.types.Material) -> Look:
         return Look(plain, is_glossy=material.roughness < GLOSSY)
     for node in tree.nodes:
         if node.type == "EMISSION":
-            strength = float(node.inputs["Strength"].default_value)
-            colour = np.array(node.inputs["Color"].default_value[:3]) * strength
-            return Look((0.0, 0.0, 0.0), tuple(float(c) for c in colour))
+            return Look((0.0, 0.0, 0.0), _emitted(node, ""))
         if node.type == "BSDF_PRINCIPLED":
             colour = tuple(float(c) for c in node.inputs["Base Color"].default_value[:3])
             roughness = float(node.inputs["Roughness"].default_value)
@@ -200,6 +198,7 @@ def _shader_look(material: bpy.types.Material) -> Look:
             mirrors = metallic > 0.0 or node.inputs["Specular IOR Level"].default_value > 0.0
             return Look(
                 colour,
+                _emitted(node, "Emission "),
                 is_glossy=mirrors and roughness < GLOSSY,
                 is_mirror=mirrors and roughness < MIRROR,
                 reflectance=straight,
@@ -210,6 +209,12 @@ def _shader_look(material: bpy.types.Material) -> Look:
                 return Look(colour)
             return Look(colour, is_glossy=True, is_mirror=True, reflectance=sum(colour) / 3.0)
     return Look(plain)
+
+
+def _emitted(node: bpy.types.Node, prefix: str) -> tuple[float, float, float]:
+    """The light that a shader gives by its own inputs, whose names begin so."""
+    strength = float(node.inputs[f"{prefix}Strength"].default_value)
+    return tuple(float(c) * strength for c in node.inputs[f"{prefix}Color"].default_value[:3])
 
 
 def marked_look(look: LookOf, **marks: bool) -> LookOf:
@@ -234,9 +239,7 @@ def softbox_look(material: bpy.types.Material | None) -> Look | None:
         return None
     if node.inputs["Color"].is_linked or node.inputs["Strength"].is_linked:
         return None
-    strength = float(node.inputs["Strength"].default_value)
-    radiance = tuple(float(c) * strength for c in node.inputs["Color"].default_value[:3])
-    return Look((0.0, 0.0, 0.0), radiance, is_lamp=True, is_hidden=True)
+    return Look((0.0, 0.0, 0.0), _emitted(node, ""), is_lamp=True, is_hidden=True)
 
 
 def card_look(material: bpy.types.Material | None) -> Look:

@@ -9,12 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .columns import Columns
-from .hits import KNOWN, UNSEEN, Scene, Shown, Ways, judged
+from .hits import GOLDEN, KNOWN, SKIN, UNSEEN, Scene, Shown, Ways, judged
 from .sky import Sky
 from .things import Things
 
 COMPARED = 400
 """Hits of one surface among which the nearest is looked for, for one that no view shows."""
+OPENINGS = 8
+"""Rays that tell how open a place is to light."""
+HALF_OPEN = 4.0
+"""Sizes of a surface, from where half the light is taken to come."""
+LEAST_OPEN = 0.05
+"""Of a place that a view shows: it is lit."""
 BLOCK = 256
 """Hits compared at a time: their distances stay in the processor's cache."""
 
@@ -89,6 +95,7 @@ class Lookups(Columns):
     view, place : (K,) number of the view or `UNSEEN` or `KNOWN`, and pixels (K, 2) there.
     triangle : (K,) of the things that is met, −1: the sky.
     at : (K, 3) where that is; in the sky the direction.
+    side : (K,) 1 or -1 for the side of the triangle that is met, 0 in the sky.
     clear : (K,) which show a hole of the film.
     light : (n, 3) radiance of those ways only that are known, in their order.
     """
@@ -102,6 +109,7 @@ class Lookups(Columns):
     place: np.ndarray
     triangle: np.ndarray
     at: np.ndarray
+    side: np.ndarray
     clear: np.ndarray
     light: np.ndarray
 
@@ -122,6 +130,7 @@ class Lookups(Columns):
             shown.pixels,
             ways.triangle,
             np.where(ways.is_sky[:, None], ways.direction, ways.point),
+            scene.side(ways),
             scene.is_clear(ways),
             clamp.limited(light, known),
         )
@@ -131,7 +140,8 @@ def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
     """For hits that no view shows: the nearest hit of the same surface that one shows.
 
     Where a surface is turned otherwise it is lit otherwise: a face that is turned by one radian
-    counts as though it were as far away as the surface is large there.
+    counts as though it were as far away as the surface is large there. Where it is less open to
+    light, as under a thing, it is darker in proportion; what gives light itself is not.
 
     Its view and place are written into the lookups; where there is none, `KNOWN`. Returns the
     numbers (n,) of all such hits, and radiances (n, 3) for those that have not even that: their
@@ -153,16 +163,47 @@ def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
             continue
         seen = seen[judged(len(seen), COMPARED)]
         both = [lookups.at[seen], lookups.at[here]]
+        openings = None
         if number >= 0:
             size = np.sqrt(both[0].var(axis=0).sum())
+            turned = [
+                lookups.side[rows, None] * scene.normals[lookups.triangle[rows]]
+                for rows in (seen, here)
+            ]
+            if size > 0.0 and not any(things.looks[number].radiance):
+                openings = [
+                    _openness(scene, *places, size) for places in zip(both, turned, strict=True)
+                ]
             both = [
-                np.concatenate((at, size * scene.normals[lookups.triangle[rows]]), axis=1)
-                for at, rows in zip(both, (seen, here), strict=True)
+                np.concatenate((at, size * facing), axis=1)
+                for at, facing in zip(both, turned, strict=True)
             ]
         for start in range(0, len(here), BLOCK):
             part = slice(start, start + BLOCK)
             pairs = zip(both[0].T, both[1][part].T, strict=True)
             apart = sum((asked[:, None] - known) ** 2 for known, asked in pairs)
-            nearest = seen[apart.argmin(axis=1)]
+            found = apart.argmin(axis=1)
+            nearest = seen[found]
             view[here[part]], place[here[part]] = view[nearest], place[nearest]
+            if openings is not None:
+                darker = openings[1][part] / np.maximum(openings[0][found], LEAST_OPEN)
+                lookups.colour[here[part]] *= np.minimum(darker, 1.0)[:, None]
     return lacking, light
+
+
+def _openness(scene: Scene, points: np.ndarray, normals: np.ndarray, size: float) -> np.ndarray:
+    """(K,) how far points (K, 3) see on the side of unit normals (K, 3), from 0 to 1."""
+    half = HALF_OPEN * size
+    across = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, across)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    total = np.zeros(len(points))
+    origins = points + SKIN * size * normals
+    for number in range(OPENINGS):
+        part, angle = (number + 0.5) / OPENINGS, 2.0 * np.pi * GOLDEN * number
+        flat = np.sqrt(part) * np.array((np.cos(angle), np.sin(angle)))
+        ways = flat[0] * first + flat[1] * second + np.sqrt(1.0 - part) * normals
+        distance, _ = scene.caster.cast(origins, ways)
+        total += 1.0 - half / (half + distance)
+    return total / OPENINGS

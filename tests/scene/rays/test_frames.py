@@ -1170,6 +1170,17 @@ def test_what_depends_on_the_direction_is_asked_for_in_groups_too(kind):
     assert not look_of(material).is_glossy
 
 
+def test_what_a_principled_shader_emits_shines_as_an_emission_node_does():
+    emission, principled = bpy.data.materials.new("E"), bpy.data.materials.new("P")
+    emission.node_tree.nodes.clear()
+    inputs = emission.node_tree.nodes.new("ShaderNodeEmission").inputs
+    inputs["Color"].default_value, inputs["Strength"].default_value = (1.0, 0.5, 0.2, 1.0), 40.0
+    node = principled.node_tree.nodes["Principled BSDF"]
+    for name in ("Color", "Strength"):
+        node.inputs[f"Emission {name}"].default_value = inputs[name].default_value
+    assert look_of(principled).radiance == look_of(emission).radiance != (0.0, 0.0, 0.0)
+
+
 def test_a_collection_that_is_indirect_only_is_hidden_from_cameras_alone():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     collection = bpy.data.collections.new("Indirect")

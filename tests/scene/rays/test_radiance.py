@@ -139,8 +139,19 @@ def test_a_lamps_light_is_multiplied_by_whether_it_is_mirrored():
     np.testing.assert_array_equal(found[:, 0], [2.0, 1.0])
 
 
-def _scene(things, normals=None):
-    scene = Scene(None, things, Sky(None))
+class _Lid:
+    """Meets ways that go up, so far away, from one x on."""
+
+    def __init__(self, distance=np.inf, begin=0.0):
+        self.distance, self.begin = distance, begin
+
+    def cast(self, origins, directions):
+        met = (origins[:, 0] > self.begin) & (directions[:, 2] > 0.0)
+        return np.where(met, self.distance, np.inf), np.where(met, 0, -1)
+
+
+def _scene(things, normals=None, lid=None):
+    scene = Scene(lid or _Lid(), things, Sky(None))
     if normals is not None:
         scene.normals = np.array(normals, float)
     return scene
@@ -184,6 +195,23 @@ def test_a_stand_in_is_turned_as_the_hit_that_it_stands_for():
     turned = np.abs((angle[hidden] - angle[whose] + np.pi) % (2 * np.pi) - np.pi)
     assert not hidden[whose].any() and turned.max() < 0.5
     assert np.abs(along[hidden] - along[whose]).max() < 0.3
+
+
+@pytest.mark.parametrize("radiance", [(0.0,) * 3, (1.0,) * 3])
+def test_a_stand_in_is_darker_where_less_light_comes(radiance):
+    """Under a lid; on the other side of the face, which is not under it, and what shines, not."""
+    scene = _scene(_things(Look((0.5,) * 3, radiance)), [(0, 0, 1.0)], lid=_Lid(0.1, 5.0))
+    points = np.array([(0, 0, 0), (9, 0, 0), (9, 0, 0), (0, 0, 0), (4, 0, 0)], float)
+    ways = _ways(points, [0] * 5)
+    ways = replace(
+        ways, direction=np.array([(0, 0, -1.0)] * 2 + [(0, 0, 1.0)] + [(0, 0, -1.0)] * 2)
+    )
+    lookups = _lookups(scene, ways, Shown(np.array([0, UNSEEN, UNSEEN, 0, 0]), np.zeros((5, 2))))
+    before = lookups.colour.copy()
+    stand_ins(scene, lookups)
+    factor = (lookups.colour / before)[:, 0]
+    assert (factor[1] < 0.1) == (not any(radiance))
+    np.testing.assert_array_equal(np.delete(factor, 1), 1.0)
 
 
 def test_stand_ins_are_looked_for_among_each_rays_ways_alike():
