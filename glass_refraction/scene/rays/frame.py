@@ -6,8 +6,9 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -375,6 +376,10 @@ def _lookups(
     """
     coarse, shown, beside = centres.pop()
     counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
+    mirrors = frame.engine == "CYCLES"
+    stay = polished(scene, coarse.ways, shown) if mirrors else np.zeros(0, int)
+    stay = stay[np.isin(stay, finer.kept)]
+    amended = _amended(frame, scene, views, follower, coarse.ways, shown, stay)
     for rows in blocks_of(len(finer.kept)):
         some = finer.kept[rows]
         places = between(shown.pixels, beside, some, finer.offset[rows], views[0].region)
@@ -386,27 +391,23 @@ def _lookups(
             finer.share[rows],
             frame.clamp,
         )
-    mirrors = frame.engine == "CYCLES"
-    stay = polished(scene, coarse.ways, shown) if mirrors else np.zeros(0, int)
-    stay = stay[np.isin(stay, finer.kept)]
-    kept = coarse.ways.take(stay), shown.take(stay), beside.pixel[stay]
-    which = np.searchsorted(stay, finer.kept)
-    of_stay = np.flatnonzero((which < len(stay)) & (np.append(stay, -1)[which] == finer.kept))
+    stay_pixel = _window_pixels(beside.pixel[stay], frame.view)
+    which = np.minimum(np.searchsorted(stay, finer.kept), max(len(stay) - 1, 0))
+    of_stay = np.flatnonzero(np.isin(finer.kept, stay))
     del coarse, shown, beside
     for rays in finer.parts():
         ways, pixel = rays.ways, _window_pixels(rays.pixel[rays.ways.ray], frame.view)
         counts.append(len(np.unique(ways.ray)))
         shown, share = show(scene, views, ways), rays.share[ways.ray]
+        rows = polished(scene, ways, shown) if mirrors else np.zeros(0, int)
+        for lookups_of in _amended(frame, scene, views, follower, ways, shown, rows):
+            yield lookups_of(pixel[rows], share[rows])
         yield Lookups.of(scene, ways, shown, pixel, share, frame.clamp)
-        if mirrors:
-            rows = polished(scene, ways, shown)
-            part = ways.take(rows), shown.take(rows)
-            yield from _amended(frame, scene, views, follower, *part, pixel[rows], share[rows])
+    # All shares are known now.
     share = (finer.share * finer.factor)[of_stay]
     share = np.bincount(which[of_stay], share, len(stay))
-    ways, shown, pixel = kept
-    pixel = _window_pixels(pixel, frame.view)
-    yield from _amended(frame, scene, views, follower, ways, shown, pixel, share)
+    for lookups_of in amended:
+        yield lookups_of(stay_pixel, share)
 
 
 def _amended(
@@ -416,20 +417,29 @@ def _amended(
     follower: Follower,
     ways: Ways,
     shown: Shown,
-    pixel: np.ndarray,
-    share: np.ndarray,
-) -> Iterator[Lookups]:
-    """What amends the mirror images in polished faces; arguments as of `Lookups.of`."""
-    if not len(ways):
-        return
+    rows: np.ndarray,
+) -> list[Callable[[np.ndarray, np.ndarray], Lookups]]:
+    """What amends the mirror images in polished faces that some ways meet, by their numbers (n,).
+
+    The ways' own colours become those of the matte parts. Returns what makes lookups of the pixels
+    (n,) and the shares (n,) of the ways' rays.
+    """
+    if not len(rows):
+        return []
+    matte, *both = amendments(scene, views, follower, ways.take(rows), shown.take(rows))
+    ways.colour[rows] *= matte[:, None]
     # A lamp's image in a glass is too small a thing to be taken away where it is to the pixel.
     cautious = replace(frame.clamp, indirect=1.0 / frame.exposure)
-    both = amendments(scene, views, follower, ways, shown)
-    for (rows, ways), clamp in zip(both, (frame.clamp, cautious), strict=True):
-        found = Lookups.of(scene, ways, show(scene, views, ways), pixel[rows], share[rows], clamp)
+
+    def lookups_of(owner, mirrored, clamp, pixel, share) -> Lookups:
+        at = show(scene, views, mirrored)
+        found = Lookups.of(scene, mirrored, at, pixel[owner], share[owner], clamp)
         # The face's own lookup stands for the pixel.
         found.weight[:] = 0.0
-        yield found
+        return found
+
+    clamps = frame.clamp, cautious
+    return [partial(lookups_of, *one, clamp) for one, clamp in zip(both, clamps, strict=True)]
 
 
 def _bands(glasses: Sequence[Glass]) -> list[Band]:

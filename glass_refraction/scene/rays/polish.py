@@ -14,6 +14,11 @@ from .hits import SKIN, Scene, Shown, Views, Ways
 
 FAINT = 0.004
 """Part of a ray's light from which on what is mirrored is looked for."""
+LEAST_MATTE = 0.25
+"""Part of the light that is left for the matte part at least: what a view shows of it at grazing
+incidence is noise."""
+METAL = 0.2
+"""Reflectance of what has no matte part."""
 APART = 1e-5
 """Least 1 − cosine between way and sight: nearer ones see the same."""
 
@@ -24,18 +29,22 @@ def polished(scene: Scene, ways: Ways, shown: Shown) -> np.ndarray:
     return np.flatnonzero(polish[scene.things.surfaces(ways.triangle)] & (shown.view >= 0))
 
 
+Mirrored = tuple[np.ndarray, Ways]
+"""Numbers (L,) of the ways that mirrored ones belong to, and these."""
+
+
 def amendments(
     scene: Scene, views: Views, follower: Follower, ways: Ways, shown: Shown
-) -> tuple[tuple[np.ndarray, Ways], tuple[np.ndarray, Ways]]:
-    """For ways to polished faces: what they see mirrored there, and what the view does.
+) -> tuple[np.ndarray, Mirrored, Mirrored]:
+    """What makes the colour of polished faces that a view shows theirs as ways meet them.
 
-    The view shows the face with its own mirror image: the difference of both images amends it.
-    Reflectances by Schlick's approximation of Fresnel's equations (1994).
+    The colour that a view shows is m (1 − F) + F L: a matte part, dimmed by Fresnel's reflectance
+    F, and the mirrored light L. F and L are others along the way. F by Schlick (1994).
 
     Returns
     -------
-    For either, numbers (L,) of the ways that these belong to, and the mirrored ways. Colours of
-    the view's are negative: they are taken away.
+    matte : (K,) by what the view's colour is multiplied.
+    seen, shown : what the ways see mirrored, and what the view does, whose colours are negative.
     """
     straight = np.array([look.polish or (0.0,) * 3 for look in scene.things.looks]).reshape(-1, 3)
     straight = straight[scene.things.surface[ways.triangle]]
@@ -54,7 +63,12 @@ def amendments(
     mirrored = np.concatenate([reflect(along[rows], normal) for along in sights])
     found = follower.onward(begin, mirrored)
 
-    def those(first: int, factor: np.ndarray) -> tuple[np.ndarray, Ways]:
+    matte = np.ones(len(ways))
+    dull = rows[straight[rows].max(axis=1) < METAL]
+    left = [np.maximum(1.0 - part[dull].mean(axis=1), LEAST_MATTE) for part in parts]
+    matte[dull] = left[0] / left[1]
+
+    def those(first: int, factor: np.ndarray) -> Mirrored:
         some = np.flatnonzero(found.ray // max(1, len(rows)) == first)
         owner = rows[found.ray[some] - first * len(rows)]
         ended, factor = found.take(some), factor[owner] * ways.colour[owner]
@@ -65,4 +79,4 @@ def amendments(
             colour=ended.colour * factor,
         )
 
-    return those(0, parts[0]), those(1, -parts[1])
+    return matte, those(0, parts[0]), those(1, -parts[1] * matte[:, None])
