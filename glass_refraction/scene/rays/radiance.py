@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...optics.vectors import LEAST
 from .columns import Columns
 from .hits import GOLDEN, KNOWN, SKIN, UNSEEN, Scene, Shown, Ways, judged
 from .sky import Sky
@@ -196,7 +197,7 @@ def _openness(scene: Scene, points: np.ndarray, normals: np.ndarray, size: float
     half = HALF_OPEN * size
     across = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = np.cross(normals, across)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), LEAST)
     second = np.cross(normals, first)
     total = np.zeros(len(points))
     origins = points + SKIN * size * normals
