@@ -377,6 +377,8 @@ class Follower:
 
         Only ways with much of a ray's light are followed; they stand for the others.
         """
+        # A rough glass's facets are those of the place, whichever rays go along.
+        places = np.ascontiguousarray(origins[:, 0]).view(np.int64)
         parts = []
         for number, (colour, placed) in enumerate(self.bands):
             ends = optics.exit_rays(
@@ -388,6 +390,7 @@ class Follower:
                 things=self.boxes,
                 meet=self.meshes.meet if self.meshes else None,
                 fresnel=self.fresnel,
+                pixel=places,
                 between=check,
             )
             ways = _exit_ways(ends, np.arange(len(ends.ray)), ends.distance, number, colour)

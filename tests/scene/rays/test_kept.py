@@ -62,8 +62,18 @@ def _same(one, other):
 
 @pytest.mark.parametrize("inside", [False, True])
 def test_a_frame_in_many_blocks_is_the_same_to_the_bit(monkeypatch, inside):
-    """Whether a thing in the glass moves or one behind it: most rays are followed once."""
+    """Whether a thing in the glass moves or one behind it: most rays are followed once. Those that
+    a floor mirrors are followed in every frame."""
     scene, cube = _bowl(inside)
+    bpy.ops.mesh.primitive_plane_add(location=(0.0, 0.0, -0.01))
+    bpy.context.object.data.materials.append(bpy.data.materials.new("Polished"))
+    shader = bpy.context.object.active_material.node_tree.nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = 0.05
+    followed = []
+    onward = follow.Follower.onward
+    monkeypatch.setattr(
+        follow.Follower, "onward", lambda *given: followed.append(given) or onward(*given)
+    )
     frames = []
     for together in (100_000, 60):
         monkeypatch.setattr(follow, "TOGETHER", together)
@@ -79,6 +89,7 @@ def test_a_frame_in_many_blocks_is_the_same_to_the_bit(monkeypatch, inside):
         assert again < (0.7 if inside else 0.3) * rays
         blocks = sum(len(kept) for kept in memory_of(scene).kept.parts.values())
         assert (blocks > 10) == (together == 60)
+    assert followed
     for one, other in zip(*frames, strict=True):
         _same(one, other)
 
