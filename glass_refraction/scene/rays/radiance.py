@@ -152,6 +152,7 @@ def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
     surface = things.surfaces(lookups.triangle)
     lacking, viewed = np.flatnonzero(view == UNSEEN), view >= 0
     light = np.zeros((len(lacking), 3))
+    lit: list[tuple[np.ndarray, np.ndarray, float]] = []
     for number in np.unique(surface[lacking]):
         which = np.flatnonzero(surface[lacking] == number)
         here = lacking[which]
@@ -164,47 +165,66 @@ def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:
             continue
         seen = seen[judged(len(seen), COMPARED)]
         both = [lookups.at[seen], lookups.at[here]]
-        openings = None
+        size = 0.0
         if number >= 0:
             size = np.sqrt(both[0].var(axis=0).sum())
-            turned = [
-                lookups.side[rows, None] * scene.normals[lookups.triangle[rows]]
-                for rows in (seen, here)
-            ]
-            if size > 0.0 and not any(things.looks[number].radiance):
-                openings = [
-                    _openness(scene, *places, size) for places in zip(both, turned, strict=True)
-                ]
             both = [
-                np.concatenate((at, size * facing), axis=1)
-                for at, facing in zip(both, turned, strict=True)
+                np.concatenate((at, size * _facing(scene, lookups, rows)), axis=1)
+                for at, rows in zip(both, (seen, here), strict=True)
             ]
+        nearest = np.empty_like(here)
         for start in range(0, len(here), BLOCK):
             part = slice(start, start + BLOCK)
             pairs = zip(both[0].T, both[1][part].T, strict=True)
             apart = sum((asked[:, None] - known) ** 2 for known, asked in pairs)
-            found = apart.argmin(axis=1)
-            nearest = seen[found]
-            view[here[part]], place[here[part]] = view[nearest], place[nearest]
-            if openings is not None:
-                darker = openings[1][part] / np.maximum(openings[0][found], LEAST_OPEN)
-                lookups.colour[here[part]] *= np.minimum(darker, 1.0)[:, None]
+            nearest[part] = seen[apart.argmin(axis=1)]
+        view[here], place[here] = view[nearest], place[nearest]
+        if size > 0.0 and not any(things.looks[number].radiance):
+            lit.append((here, nearest, size))
+    if lit:
+        _darken(scene, lookups, lit)
     return lacking, light
 
 
-def _openness(scene: Scene, points: np.ndarray, normals: np.ndarray, size: float) -> np.ndarray:
-    """(K,) how far points (K, 3) see on the side of unit normals (K, 3), from 0 to 1."""
-    half = HALF_OPEN * size
+def _facing(scene: Scene, lookups: Lookups, rows: np.ndarray) -> np.ndarray:
+    """(K, 3) normals of what some lookups meet, on the side on which they do."""
+    return lookups.side[rows, None] * scene.normals[lookups.triangle[rows]]
+
+
+def _darken(scene: Scene, lookups: Lookups, lit: list[tuple[np.ndarray, np.ndarray, float]]):
+    """Make hits that are less open to light than those that stand in for them darker.
+
+    ``lit``: numbers of the hits, of those that stand in, and the size of each of their surfaces.
+    """
+    here, nearest = (np.concatenate(rows) for rows in list(zip(*lit, strict=True))[:2])
+    size = np.repeat([size for *_, size in lit], [len(rows) for rows, *_ in lit])
+    # One that stands in for many is asked once.
+    stands, first, of = np.unique(nearest, return_index=True, return_inverse=True)
+    rows = np.concatenate((here, stands))
+    found = _openness(
+        scene, lookups.at[rows], _facing(scene, lookups, rows), np.append(size, size[first])
+    )
+    there = np.maximum(found[len(here) :][of], LEAST_OPEN)
+    lookups.colour[here] *= np.minimum(found[: len(here)] / there, 1.0)[:, None]
+
+
+def _openness(
+    scene: Scene, points: np.ndarray, normals: np.ndarray, size: np.ndarray
+) -> np.ndarray:
+    """(K,) how far points (K, 3) see on the side of unit normals (K, 3), from 0 to 1.
+
+    ``size``: (K,) metres, of their surfaces.
+    """
     across = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = np.cross(normals, across)
     first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), LEAST)
     second = np.cross(normals, first)
-    total = np.zeros(len(points))
-    origins = points + SKIN * size * normals
+    ways = []
     for number in range(OPENINGS):
         part, angle = (number + 0.5) / OPENINGS, 2.0 * np.pi * GOLDEN * number
         flat = np.sqrt(part) * np.array((np.cos(angle), np.sin(angle)))
-        ways = flat[0] * first + flat[1] * second + np.sqrt(1.0 - part) * normals
-        distance, _ = scene.caster.cast(origins, ways)
-        total += 1.0 - half / (half + distance)
-    return total / OPENINGS
+        ways.append(flat[0] * first + flat[1] * second + np.sqrt(1.0 - part) * normals)
+    origins = np.tile(points + SKIN * size[:, None] * normals, (OPENINGS, 1))
+    distance, _ = scene.caster.cast(origins, np.concatenate(ways))
+    half = HALF_OPEN * size
+    return (1.0 - half / (half + distance.reshape(OPENINGS, -1))).mean(axis=0)
