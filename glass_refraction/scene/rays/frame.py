@@ -376,9 +376,7 @@ def _lookups(
     """
     coarse, shown, beside = centres.pop()
     counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
-    mirrors = frame.engine == "CYCLES"
-    stay = polished(scene, coarse.ways, shown) if mirrors else np.zeros(0, int)
-    stay = stay[np.isin(stay, finer.kept)]
+    stay = np.intersect1d(polished(scene, coarse.ways, shown), finer.kept)
     amended = _amended(frame, scene, views, follower, coarse.ways, shown, stay)
     for rows in blocks_of(len(finer.kept)):
         some = finer.kept[rows]
@@ -392,20 +390,20 @@ def _lookups(
             frame.clamp,
         )
     stay_pixel = _window_pixels(beside.pixel[stay], frame.view)
-    which = np.minimum(np.searchsorted(stay, finer.kept), max(len(stay) - 1, 0))
     of_stay = np.flatnonzero(np.isin(finer.kept, stay))
+    which = np.searchsorted(stay, finer.kept[of_stay])
     del coarse, shown, beside
     for rays in finer.parts():
         ways, pixel = rays.ways, _window_pixels(rays.pixel[rays.ways.ray], frame.view)
         counts.append(len(np.unique(ways.ray)))
         shown, share = show(scene, views, ways), rays.share[ways.ray]
-        rows = polished(scene, ways, shown) if mirrors else np.zeros(0, int)
+        rows = polished(scene, ways, shown)
         for lookups_of in _amended(frame, scene, views, follower, ways, shown, rows):
             yield lookups_of(pixel[rows], share[rows])
         yield Lookups.of(scene, ways, shown, pixel, share, frame.clamp)
     # All shares are known now.
     share = (finer.share * finer.factor)[of_stay]
-    share = np.bincount(which[of_stay], share, len(stay))
+    share = np.bincount(which, share, len(stay))
     for lookups_of in amended:
         yield lookups_of(stay_pixel, share)
 

@@ -217,7 +217,7 @@ def _emitted(node: bpy.types.Node, prefix: str) -> tuple[float, float, float]:
     return tuple(float(c) * strength for c in node.inputs[f"{prefix}Color"].default_value[:3])
 
 
-def marked_look(look: LookOf, **marks: bool) -> LookOf:
+def marked_look(look: LookOf, **marks: bool | None) -> LookOf:
     """The same looks with some of their marks set, such as ``is_passed``."""
 
     def marked(material: bpy.types.Material | None) -> Look | None:

@@ -163,7 +163,8 @@ def read_things(
         if engine == "CYCLES" and not is_transmitted:
             look = marked_look(look, is_passed=True)
         if not told_apart:
-            look = marked_look(look, is_of_cameras=False, is_of_paths=False)
+            # Nor do their pictures mirror as the material tells.
+            look = marked_look(look, is_of_cameras=False, is_of_paths=False, polish=None)
         if owner.type == "META":
             # Captures have the user's scene as their set, and Blender leaves a set's metaballs out.
             look = marked_look(look, is_uncaptured=True)
