@@ -40,13 +40,20 @@ def mirrors_of(scene: Scene, view: RadianceView, boxes: np.ndarray) -> dict[str,
     met = meets_boxes(boxes, 0.0, begin.T.copy(), along.T.copy(), reach)
     surface = things.surfaces(triangle[some])[met]
     straight = np.array([look.reflectance for look in looks])[surface]
-    # Schlick's approximation of Fresnel's equations.
-    part = straight + (1.0 - straight) * (1.0 - cosine[met]) ** 5
+    part = schlick(straight, cosine[met])
     found: dict[str, float] = {}
     for number in np.unique(surface):
         owner = things.owners[number]
         found[owner] = found.get(owner, 0.0) + float(part[surface == number].sum()) / total
     return found
+
+
+def schlick(straight: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+    """Reflectance at angles of incidence of these cosines, by that of what is seen squarely.
+
+    C. Schlick's approximation of Fresnel's equations (1994).
+    """
+    return straight + (1.0 - straight) * (1.0 - cosine) ** 5
 
 
 def veils_of(scene: Scene, view: RadianceView, boxes: np.ndarray, kind: Clear) -> dict[str, float]:

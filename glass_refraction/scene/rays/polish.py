@@ -11,6 +11,7 @@ from ...optics import reflect
 from ...optics.vectors import dot
 from .follow import Follower
 from .hits import SKIN, Scene, Shown, Views, Ways
+from .mirrors import schlick
 
 FAINT = 0.004
 """Part of a ray's light from which on what is mirrored is looked for."""
@@ -39,7 +40,7 @@ def amendments(
     """What makes the colour of polished faces that a view shows theirs as ways meet them.
 
     The colour that a view shows is m (1 − F) + F L: a matte part, dimmed by Fresnel's reflectance
-    F, and the mirrored light L. F and L are others along the way. F by Schlick (1994).
+    F, and the mirrored light L. F and L are others along the way.
 
     Returns
     -------
@@ -55,7 +56,7 @@ def amendments(
         sight[here] = views[number].sight(point[here])[1]
     sights = ways.direction, sight
     cosines = [dot(along.T, normal.T) for along in sights]
-    parts = [straight + (1.0 - straight) * (1.0 - np.abs(c[:, None])) ** 5 for c in cosines]
+    parts = [schlick(straight, np.abs(cosine[:, None])) for cosine in cosines]
     worth = ways.weight * np.maximum(*(part.mean(axis=1) for part in parts))
     rows = np.flatnonzero((worth > FAINT) & (1.0 - dot(ways.direction.T, sight.T) > APART))
     normal, lift = normal[rows], SKIN * ways.distance[rows] * np.sign(cosines[0][rows])
