@@ -86,8 +86,8 @@ LEAST_SECONDS = 1e-5
 QUICK_SECONDS = 0.012
 """A face of a capture that takes no longer is drawn while things move, too."""
 SHARE_OF_FACE = 0.25
-"""Of a redraw: after each of an animation one face of a capture is drawn that takes no longer, in
-haste."""
+"""Of the time while an animation plays, which faces of captures take at most: after a redraw one is
+drawn, in haste, once that share of the time since the last one is enough for it."""
 MOST_AWAY = 20
 """Timers in a row that may find the context of another window."""
 FAR_TARGET = 100.0
@@ -164,6 +164,8 @@ class _View:
         self.speed = 0.0
         """Rays a second, as measured; a sample may be of one for each colour."""
         self.plain_seconds = 0.1
+        self.faced = 0.0
+        """When the last face of a capture was drawn."""
         self.python_ms = 0.0
 
     def line(self) -> str:
@@ -655,7 +657,7 @@ def _rest() -> float | None:
         quick = view.captures.left and 0.0 < view.captures.seconds < QUICK_SECONDS
         hold = HOLD_SECONDS
         if window.screen.is_animation_playing and not quick:
-            affordable = SHARE_OF_FACE * view.plain_seconds
+            affordable = SHARE_OF_FACE * (time.perf_counter() - view.faced)
             has_time = view.captures.left and 0.0 < view.captures.least_seconds < affordable
             if not has_time or view.quiet:
                 look = REDRAW_SECONDS if has_time else PLAYING_SECONDS
@@ -810,6 +812,7 @@ def _capture(view: _View, window, space, region, hold: float) -> None:
         while captures.left and not is_compiling():
             captures.draw(view.model.frame, view.model.glasses, view_3d, wires, turned, is_playing)
             counters["faces"] += 1
+            view.faced = time.perf_counter()
             # Blender draws all views after it, of which this one's engine shows nothing new.
             view.is_own = True
             if is_compiling():
