@@ -11,7 +11,7 @@ import numpy as np
 
 from ...optics.vectors import dot, perpendiculars, rotated
 from .columns import joined
-from .follow import ENOUGH, Follower, way_codes
+from .follow import ENOUGH, SPREAD, Follower, way_codes
 from .hits import TOGETHER, Shown, Ways
 from .lamps import Sun
 from .radiance import UNLIMITED, Clamp
@@ -39,6 +39,9 @@ MOST_STRETCHED_PX = 12.0
 MOST_UNEVEN = 0.3
 """Of a way's light: from one pixel to the next it may change by so much where the centre's stands
 for all of the pixel. Near total reflection it changes steeply."""
+LENS = ((12, 1.5), (28, 4.0))
+"""Rays of a pixel where a lens blurs a glass, by the radius of the blur, pixels. Where it
+is less, one point of the lens shows it as well."""
 FAINTER = 4.0
 """Times its own light: a way takes as many places as that asks for, its pixel's at most."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
@@ -125,10 +128,18 @@ class FinerRays:
     Parameters
     ----------
     coarse : one ray a pixel. ends : of its ways.
+    blur : (width · height,) pixels, the radius by which the lens blurs what is in each. Where it is
+        too large for one point of the lens, rays come from all over it, and of the centre's ways
+        only those that carry little stay.
     """
 
     def __init__(
-        self, coarse: PictureRays, ends: Endings, sigma: float, follower: Follower
+        self,
+        coarse: PictureRays,
+        ends: Endings,
+        sigma: float,
+        follower: Follower,
+        blur: np.ndarray,
     ) -> None:
         self._sigma, self._follower = sigma, follower
         self.pixel, self._dark = coarse.pixel, coarse.dark
@@ -139,9 +150,12 @@ class FinerRays:
         most = ends.pixel.copy()
         np.maximum.at(most, pixel, ends.stretched)
         # What ends beside stretched ways takes as many rays as these take places.
-        self._rough = (most > self._tiers[0][1]) & (ends.pixel > STEADY)
-        self._ends = np.where(self._rough, most, 0.0)
-        settled = (ends.way <= STEADY) | (coarse.ways.weight < follower.fine_weight)
+        self._of_lens = blur > LENS[0][1]
+        self._rough = self._of_lens | ((most > self._tiers[0][1]) & (ends.pixel > STEADY))
+        self._count = _places(np.where(self._rough, most, 0.0), self._tiers)
+        self._count[self._of_lens] = _places(blur[self._of_lens], LENS)
+        settled = (ends.way <= STEADY) & ~self._of_lens[pixel]
+        settled |= coarse.ways.weight < follower.fine_weight
         # The facets of rough glass differ from ray to ray: the centre's is one among all.
         settled |= follower.rough
         stay = np.flatnonzero(settled | ~self._rough[pixel])
@@ -149,26 +163,18 @@ class FinerRays:
         self._codes = np.sort(way_codes(pixel[within], coarse.ways.path[within]))
         own = ends.stretched[stay]
         own = np.where(own > STEADY, np.minimum(most[pixel[stay]], FAINTER * own), 0.0)
-        count = self._places(own)
+        count = _places(own, self._tiers)
         self.kept, self.share = np.repeat(stay, count), np.repeat(1.0 / count, count)
         self.offset = self._offsets(count)
         self._known = pixel[self.kept].astype(np.int32)
         if follower.rough:
             # The centre's ray is one more.
-            rays = self._places(self._ends)
-            self.share /= (rays + (rays > 1))[self._known]
+            self.share /= (self._count + (self._count > 1))[self._known]
         # Of no ways at all NumPy counts in whole numbers.
         light = self.share * coarse.ways.weight[self.kept]
         self._brought = np.bincount(self._known, light, len(most)).astype(float)
         self._wanted = self._brought.copy()
         self._stays = np.zeros(len(most))
-
-    def _places(self, light: np.ndarray) -> np.ndarray:
-        """(N,) places in a pixel, by the part of its light (N,) that ends or is stretched."""
-        count = np.ones(len(light), np.int32)
-        for many, least in self._tiers:
-            count[light > least] = many
-        return count
 
     def _offsets(self, count: np.ndarray) -> np.ndarray:
         """(K', 2) pixels from the centre, of ways by how often they are looked up."""
@@ -179,12 +185,30 @@ class FinerRays:
         return offset
 
     def parts(self) -> Iterator[PictureRays]:
-        """The further rays in bundles, as many of their ways together as are looked for together.
+        """The further rays from the eye in bundles, as many of their ways together as are looked
+        for together.
 
         Each block of pixels alone would mean more and smaller casts.
         """
+        sets = []
+        for count, _ in self._tiers:
+            pixels = np.flatnonzero((self._count == count) & ~self._of_lens)
+            sets.append((pixels, self._sigma * _lattice(count)))
+        return self._bundles(sets)
+
+    def lens_parts(self) -> Iterator[PictureRays]:
+        """The same of rays from places all over the lens."""
+        sets = []
+        for count, _ in LENS:
+            pixels = np.flatnonzero((self._count == count) & self._of_lens)
+            if len(pixels):
+                places = self._sigma * _lattice(count), _square(count)
+                sets.append((pixels, np.concatenate(places, axis=1)))
+        return self._bundles(sets)
+
+    def _bundles(self, sets: list[tuple[np.ndarray, np.ndarray]]) -> Iterator[PictureRays]:
         ready: list[PictureRays] = []
-        for block in self._blocks():
+        for block in self._blocks(sets):
             ready.append(block)
             if sum(len(part.ways) for part in ready) >= TOGETHER:
                 yield together(ready)
@@ -192,12 +216,7 @@ class FinerRays:
         if ready:
             yield together(ready)
 
-    def _blocks(self) -> Iterator[PictureRays]:
-        limits = [limit for _, limit in self._tiers[1:]] + [np.inf]
-        sets = []
-        for (count, least), most in zip(self._tiers, limits, strict=True):
-            pixels = np.flatnonzero((self._ends > least) & (self._ends <= most))
-            sets.append((pixels, self._sigma * _lattice(count)))
+    def _blocks(self, sets: list[tuple[np.ndarray, np.ndarray]]) -> Iterator[PictureRays]:
         for some, places, ways, lost, dark in self._follower.blocks(sets, self._codes):
             count = len(places)
             one = 1.0 / (count + self._follower.rough)
@@ -234,6 +253,14 @@ class FinerRays:
         return np.where(self._rough[self.pixel], dark[self.pixel], self._dark)
 
 
+def _places(value: np.ndarray, tiers: tuple[tuple[int, float], ...]) -> np.ndarray:
+    """(N,) places in a pixel, by what asks for them (N,), as tiers tell; else one."""
+    count = np.ones(len(value), np.int32)
+    for many, least in tiers:
+        count[value > least] = many
+    return count
+
+
 def together(parts: list[PictureRays]) -> PictureRays:
     """Rays of several blocks of pixels, numbered one after another."""
     starts = np.cumsum([0, *(len(part.pixel) for part in parts)], dtype=np.int32)
@@ -257,6 +284,13 @@ def _lattice(count: int) -> np.ndarray:
 
 LATTICE = {4: 2, 6: 3, 12: 5, 28: 12}
 """Steps of the second coordinate; number of places and 1 is a prime."""
+
+
+def _square(count: int) -> np.ndarray:
+    """Places (count, 2) in a lens, see `Lens.places`, spread evenly, whatever their order: each has
+    one opposite, so that what is blurred stays where it is."""
+    half = np.arange(count // 2)[:, None] * SPREAD
+    return np.stack((half, half + np.array((0.0, 0.5))), axis=1).reshape(-1, 2) % 1.0
 
 
 def _bell_means(count: int) -> np.ndarray:

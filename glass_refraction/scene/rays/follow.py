@@ -49,6 +49,9 @@ NEAR = 8.0 * TOUCHING
 """Of the largest coordinate: where float32 keeps places, things so near to a ray may matter."""
 MOST_LAMPS = 4
 """One behind the other along a way, of which the light is added."""
+SPREAD = np.array((0.7548776662466927, 0.5698402909980532))
+"""Steps that fill a square evenly (Roberts, "The unreasonable effectiveness of quasirandom
+sequences", 2018): powers of the number whose cube is it and 1, turned over."""
 MOST_KEPT = 1_000_000
 """Ways that are kept for the next frame, 0.12 kilobytes each."""
 
@@ -62,8 +65,8 @@ class Passed(Columns):
 
 
 class Part(NamedTuple):
-    """Pixels (N,), places (P, 2) of rays in each, the ways of these, and parts (N · P,) of their
-    light: what was not followed, and what stays in the glasses."""
+    """Pixels (N,), places (P, 2 or 4) of rays in each, the ways of these, and parts (N · P,) of
+    their light: what was not followed, and what stays in the glasses."""
 
     pixels: np.ndarray
     places: np.ndarray
@@ -278,6 +281,9 @@ class Follower:
     ) -> Iterator[Part]:
         """Ways of rays through places (P, 2), from its centre, of each pixel (N,), numbers rising.
 
+        Places (P, 4) tell where in the lens as well, in a square of 1 that is shifted from pixel to
+        pixel: what few rays miss is noise then, finer than any pattern.
+
         Rays that meet no glass first have no way. All sets are followed together: rays end after
         many steps, and a step of few rays takes hardly less time than one of some more.
 
@@ -323,9 +329,13 @@ class Follower:
         width = self.view.size[0]
         pixel = np.repeat(pixels, len(places))
         offset = np.tile(places, (len(pixels), 1))
-        x = pixel % width + 0.5 + offset[:, 0]
-        y = pixel // width + 0.5 + offset[:, 1]
-        origins, directions = self.view.rays(np.stack((x, y), axis=1))
+        x, y = pixel % width, pixel // width
+        place = np.stack((x, y), axis=1) + 0.5 + offset[:, :2]
+        if places.shape[1] == 2:
+            origins, directions = self.view.rays(place)
+        else:
+            shift = x[:, None] * SPREAD + y[:, None] * SPREAD[::-1]
+            origins, directions = self.view.lens_rays(place, (offset[:, 2:] + shift) % 1.0)
         return origins, np.array(directions)
 
     def _traced(self, pieces: Sequence[_Piece], least: float, keep: bool) -> list[Block]:

@@ -6,6 +6,7 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,6 +24,7 @@ from .columns import joined
 from .curtain import curtain, looked_up
 from .edges import off_edges
 from .exits import (
+    LENS,
     MARGIN_PX,
     FinerRays,
     between,
@@ -65,6 +67,9 @@ NEAREST = 1e-3
 """Part of the glasses' size from where captures see at least."""
 FAR, FARTHER = 1e3, 1.1
 """Metres that a view sees where there is nothing, and how far beyond the farthest thing, times."""
+PART_OF_LENS = 0.3
+"""Of a lens's radius: a pixel's rays come from places all over it, each of which stands for so much
+round it. A view through so large a lens shows what lies between them."""
 NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
 NOISIEST, MOST_NOISE = 2.0, 0.7
 """Variance of what a view shows, over that of what the direct picture shows: see `_worth`."""
@@ -302,10 +307,12 @@ def _followed(
 ) -> tuple[Rays, Views]:
     """What the picture's rays bring, and all views."""
     view = frame.view
-    rects = [_cut(view.covered(_corners(body), MARGIN_PX), frame.region) for body in bodies]
+    most = min(frame.captures, room.captures)
+    blur, rects = _blurred(frame, direct if most > 1 else replace(direct, lens=None), bodies)
+    is_blurred = (blur > LENS[0][1]).any()
+    most -= is_blurred
     pixels = grid(rects, view.size)
     coarse = centre_rays(pixels, follower)
-    most = min(frame.captures, room.captures)
     beside = neighbours(coarse, view.size)
     tell("placing cameras for what else is seen in the glass")
     rows = judged(len(coarse.ways))
@@ -318,6 +325,7 @@ def _followed(
         frame.aspect,
         NEAREST * scale,
     )
+    sharp = 1 + len(captures)
     views = [direct, *captures, *[None] * (room.captures - len(captures))]
     skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
     views += [*skies, *[None] * (room.skies - len(skies))]
@@ -334,13 +342,16 @@ def _followed(
     lit_pixel = _window_pixels(beside.pixel[lit], view)
     lit = glints[lit] * coarse.ways.colour[lit]
     tell(FOLLOWING)
-    finer = FinerRays(coarse, ends, sigma, follower)
+    finer = FinerRays(coarse, ends, sigma, follower, blur)
     centres = (coarse, shown, beside)
     counts: list[int] = []
-    parts = _lookups(frame, scene, views, finer, follower, [centres], counts)
+    parts = _lookups(frame, scene, views, finer, follower, [centres], counts, sharp)
     # The largest arrays are held no longer than they are needed.
     del beside, coarse, ends, glints, shown, centres
     found = joined(Lookups, parts)
+    if is_blurred:
+        part = replace(direct.lens, radius=PART_OF_LENS * direct.lens.radius)
+        views[sharp] = replace(direct, lens=part)
     stay = len(finer.kept)
     found.weight[:stay] *= finer.factor
     found.colour[:stay] *= finer.factor[:, None]
@@ -350,6 +361,27 @@ def _followed(
     some = np.flatnonzero(dark)
     dark_pixel = _window_pixels(finer.pixel[some], view)
     return Rays(found, sum(counts), lit_pixel, lit, dark_pixel, dark[some]), views
+
+
+def _blurred(
+    frame: FrameInput, direct: RadianceView, bodies: Sequence[Glass]
+) -> tuple[np.ndarray, list[tuple[int, int, int, int]]]:
+    """By how many pixels (width · height,) the lens blurs the glasses in each, and the rectangles
+    (x0, y0, x1, y1) of pixels in which these are seen."""
+    width, height = frame.view.size
+    blur, rects = np.zeros((height, width)), []
+    for body in bodies:
+        corners, radius = _corners(body), 0.0
+        if direct.lens is not None:
+            depths = np.maximum(-direct.local(corners)[:, 2], direct.near)
+            radius = direct.focal_px * float(direct.lens.blur(depths).max())
+        margin = MARGIN_PX + math.ceil(min(radius, width + height))
+        x0, y0, x1, y1 = rect = _cut(frame.view.covered(corners, margin), frame.region)
+        rects.append(rect)
+        if x0 < x1 and y0 < y1:
+            part = blur[y0:y1, x0:x1]
+            np.maximum(part, radius, out=part)
+    return blur.ravel(), rects
 
 
 def _shining(frame: FrameInput) -> np.ndarray:
@@ -366,6 +398,7 @@ def _lookups(
     follower: Follower,
     centres: list,
     counts: list,
+    sharp: int,
 ) -> Iterator[Lookups]:
     """What shows the ways of the centres that stay, and of the finer rays.
 
@@ -373,6 +406,8 @@ def _lookups(
     ----------
     centres : one ray a pixel, what shows its ways, and their neighbours; it is emptied.
     counts : gets how many rays have ways, of each part.
+    sharp : number of the view that shows to rays from all over the lens what the direct picture
+        shows, through a part of the lens.
     """
     coarse, shown, beside = centres.pop()
     counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
@@ -393,14 +428,17 @@ def _lookups(
     of_stay = np.flatnonzero(np.isin(finer.kept, stay))
     which = np.searchsorted(stay, finer.kept[of_stay])
     del coarse, shown, beside
-    for rays in finer.parts():
-        ways, pixel = rays.ways, _window_pixels(rays.pixel[rays.ways.ray], frame.view)
-        counts.append(len(np.unique(ways.ray)))
-        shown, share = show(scene, views, ways), rays.share[ways.ray]
-        rows = polished(scene, ways, shown)
-        for lookups_of in _amended(frame, scene, views, follower, ways, shown, rows):
-            yield lookups_of(pixel[rows], share[rows])
-        yield Lookups.of(scene, ways, shown, pixel, share, frame.clamp)
+    for parts, is_of_lens in ((finer.parts(), False), (finer.lens_parts(), True)):
+        for rays in parts:
+            ways, pixel = rays.ways, _window_pixels(rays.pixel[rays.ways.ray], frame.view)
+            counts.append(len(np.unique(ways.ray)))
+            shown, share = show(scene, views, ways), rays.share[ways.ray]
+            rows = polished(scene, ways, shown)
+            for lookups_of in _amended(frame, scene, views, follower, ways, shown, rows):
+                yield lookups_of(pixel[rows], share[rows])
+            if is_of_lens:
+                shown.view[shown.view == 0] = sharp
+            yield Lookups.of(scene, ways, shown, pixel, share, frame.clamp)
     # All shares are known now.
     share = (finer.share * finer.factor)[of_stay]
     share = np.bincount(which, share, len(stay))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -379,10 +380,15 @@ def ease_world(depsgraph: bpy.types.Depsgraph) -> None:
 def _blurred(scene: bpy.types.Scene) -> list[str]:
     """A line for each blur that the glass has no part in, or not all."""
     camera, layer, found = scene.camera, rendered_layer(scene), []
-    if camera.data.dof.use_dof and scene.render.engine != "BLENDER_WORKBENCH":
+    if _has_lens(scene) and camera.data.type == "ORTHO":
         found.append(
-            f'Camera "{camera.name}" has depth of field, and what is seen in the glass is followed '
-            "from one point: it is blurred where the picture shows it, else sharp"
+            f'Camera "{camera.name}" is orthographic and has depth of field: what is seen in the '
+            "glass is blurred where the picture shows it, else sharp"
+        )
+    elif _has_lens(scene) and scene.refractive_glass.captures < 2:
+        found.append(
+            f'Camera "{camera.name}" has depth of field, and without captures what is seen in the '
+            "glass is blurred where the picture shows it, else sharp"
         )
     if not scene.render.use_motion_blur:
         return found
@@ -399,6 +405,12 @@ def _blurred(scene: bpy.types.Scene) -> list[str]:
             "the frame's own time, and only what lies within is blurred"
         )
     return found
+
+
+def _has_lens(scene: bpy.types.Scene) -> bool:
+    """Whether the engine shows the camera's depth of field."""
+    shown = scene.render.engine != "BLENDER_WORKBENCH" or scene.display.shading.use_dof
+    return shown and scene.camera.data.dof.use_dof
 
 
 def _light_comes_along(scene: bpy.types.Scene) -> bool:
@@ -499,7 +511,7 @@ def _read(
         glasses=glasses,
         things=read_things(depsgraph, left_out, mirrors, render.engine, memory_of(scene).masks),
         sky=sky_of(user, tuple(suns), shown_world(user, depsgraph.view_layer)),
-        view=view,
+        view=view if _has_lens(scene) else replace(view, lens=None),
         near=float(camera.clip_start),
         far=float(camera.clip_end),
         region=region,
@@ -639,6 +651,13 @@ def _aim_camera(camera: bpy.types.Object, view: RadianceView, far: float) -> Non
     aspect = (p[0, 0] * width) / (p[1, 1] * height)
     data.shift_x = (0.5 * width - origin[0]) / width
     data.shift_y = (0.5 * height - origin[1]) * aspect / width
+    data.dof.use_dof = view.lens is not None
+    if view.lens is not None:
+        data.dof.focus_distance = view.lens.focus
+        data.dof.aperture_fstop = 0.5e-3 * data.lens / view.lens.radius
+        data.dof.aperture_ratio = view.lens.ratio
+        data.dof.aperture_blades = view.lens.blades
+        data.dof.aperture_rotation = view.lens.rotation
     data.clip_start = max(view.near, LEAST_CLIP)
     data.clip_end = max(far, 2.0 * data.clip_start)
     pose = np.eye(4)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...optics.vectors import dot, rotated
-from ..read.viewpoint import Viewpoint
+from ..read.viewpoint import Lens, Viewpoint
 
 WIDEST = np.radians(70.0)
 """Half angle that a capture opens to: beyond, pixels at its border are eight times as dense."""
@@ -43,6 +43,7 @@ class RadianceView:
     is_parallel : orthographic.
     sky_only : it shows the world alone.
     is_paned : it looks through a pane, behind which rays are no camera's any more.
+    lens : it shows one plane sharply; None: all.
     """
 
     eye: np.ndarray
@@ -56,12 +57,13 @@ class RadianceView:
     sky_only: bool = False
     far: float = np.inf
     is_paned: bool = False
+    lens: Lens | None = None
 
     @property
     def stamp(self) -> tuple:
         """The same for views that show the same of the same things."""
         arrays = (self.eye, self.to_camera, self.projection)
-        kind = self.size, self.region, self.near, self.far, self.is_paned
+        kind = self.size, self.region, self.near, self.far, self.is_paned, self.lens
         return *(array.tobytes() for array in arrays), *kind
 
     @property
@@ -158,6 +160,20 @@ class RadianceView:
         points = rotated(self.to_camera[:3, :3].T, (local - self.to_camera[:3, 3]).T).T
         return self.sight(points)[:2]
 
+    def lens_rays(self, pixels: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same as `rays`, of a view with a lens, through places (N, 2) in its opening as the
+        lens takes them. All rays of one place of the frame meet in the plane that is seen sharply.
+        """
+        _, directions = self.rays(pixels)
+        ahead = dot(directions.T, self.forward)
+        sharp = directions * (self.lens.focus / ahead)[:, None]
+        across, up = self.to_camera[:2, :3]
+        x, y = self.lens.places(unit).T[..., None]
+        through = x * across + y * up
+        directions = sharp - through
+        origins = self.eye + through + directions * (self.near / self.lens.focus)
+        return origins, directions / np.sqrt(squares(directions))[:, None]
+
     def sky_sight(self, directions: np.ndarray) -> np.ndarray:
         """Origins (N, 3) of the rays by which the view sees into these directions."""
         skipped = self.near / np.maximum(dot(directions.T, self.forward), 1e-6)
@@ -178,6 +194,7 @@ def direct_view(
         near,
         view.is_parallel,
         far=far,
+        lens=view.lens,
     )
 
 

@@ -17,6 +17,42 @@ _SHEAR = 1e-3
 """By how much a camera's axes may differ from right angles, as a part: a pixel in a thousand."""
 
 
+@dataclass(frozen=True)
+class Lens:
+    """A camera's opening: a thin lens that shows one plane sharply.
+
+    Attributes
+    ----------
+    radius : metres. focus : metres along the view direction to that plane.
+    ratio : by how much the opening is narrower than high.
+    blades : corners of the opening; below 3 it is round. rotation : of these, radians.
+    """
+
+    radius: float
+    focus: float
+    ratio: float = 1.0
+    blades: int = 0
+    rotation: float = 0.0
+
+    def blur(self, depths: np.ndarray) -> np.ndarray:
+        """(N,) half widths, in slopes from the eye, of what points so deep (N,) are seen as."""
+        return self.radius / min(self.ratio, 1.0) * np.abs(1.0 / depths - 1.0 / self.focus)
+
+    def places(self, unit: np.ndarray) -> np.ndarray:
+        """Places (N, 2) in the opening, metres, of places (N, 2) in a square of 1: how far from the
+        middle, squared, and which part of a turn. Equal areas stay equal."""
+        far, turn = unit.T
+        angle, border = 2.0 * np.pi * turn, 1.0
+        if self.blades > 2:
+            half = np.pi / self.blades
+            blade = np.floor(turn * self.blades)
+            within = np.arctan((2.0 * (turn * self.blades - blade) - 1.0) * np.tan(half))
+            angle = self.rotation + half * (2.0 * blade + 1.0) + within
+            border = np.cos(half) / np.cos(within)
+        long = self.radius * np.sqrt(far) * border
+        return np.stack((long * np.cos(angle) / self.ratio, long * np.sin(angle)), axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
     """A perspective or parallel view.
@@ -30,6 +66,7 @@ class Viewpoint:
     window : (x0, y0, x1, y1), half open: the pixels that the picture holds; less than the frame
         where only a border is rendered and the picture is cropped to it.
     is_parallel : orthographic camera.
+    lens : of a camera with depth of field.
     """
 
     eye: np.ndarray
@@ -38,6 +75,7 @@ class Viewpoint:
     size: tuple[int, int]
     window: tuple[int, int, int, int]
     is_parallel: bool
+    lens: Lens | None = None
 
     def stamp(self) -> tuple:
         """What pictures depend on."""
@@ -47,6 +85,7 @@ class Viewpoint:
             self.size,
             self.window,
             self.is_parallel,
+            self.lens,
         )
 
     @property
@@ -194,7 +233,34 @@ def read_viewpoint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Vi
     to_camera = np.eye(4)
     to_camera[:3, :3] = rotation
     to_camera[:3, 3] = -rotation @ eye
-    return Viewpoint(eye, to_camera, projection, size, window, data.type == "ORTHO")
+    is_parallel = data.type == "ORTHO"
+    lens = _read_lens(data, eye, rotation[2], depsgraph) if not is_parallel else None
+    return Viewpoint(eye, to_camera, projection, size, window, is_parallel, lens)
+
+
+def _read_lens(
+    data: bpy.types.Camera, eye: np.ndarray, axis: np.ndarray, depsgraph: bpy.types.Depsgraph
+) -> Lens | None:
+    """The opening of a perspective camera that looks against an axis, as engines take it."""
+    dof = data.dof
+    if not dof.use_dof:
+        return None
+    focus = float(dof.focus_distance)
+    if dof.focus_object is not None:
+        target = dof.focus_object.evaluated_get(depsgraph)
+        place = target.matrix_world
+        if target.type == "ARMATURE" and dof.focus_subtarget in target.pose.bones:
+            place = place @ target.pose.bones[dof.focus_subtarget].matrix
+        focus = abs(float(axis @ (np.array(place, float)[:3, 3] - eye)))
+    # Lengths of lenses are millimetres, and metres the unit of the scene.
+    radius = 0.5e-3 * data.lens / max(dof.aperture_fstop, 1e-5)
+    return Lens(
+        radius,
+        max(focus, 1e-5),
+        float(dof.aperture_ratio),
+        int(dof.aperture_blades),
+        float(dof.aperture_rotation),
+    )
 
 
 def render_window(scene: bpy.types.Scene) -> tuple[int, int, int, int]:

@@ -172,7 +172,7 @@ def test_places_of_many_rays_share_no_row_and_no_column(count):
 
 def _finer(coarse, ends, sigma, follower):
     """Numbers of the ways that stay, these of the centres, and the finer rays."""
-    finer = FinerRays(coarse, ends, sigma, follower)
+    finer = FinerRays(coarse, ends, sigma, follower, np.zeros(len(ends.pixel)))
     more = together(list(finer.parts()))
     centre = replace(coarse, dark=finer.dark, ways=coarse.ways.take(finer.kept))
     centre = replace(centre, ways=centre.ways.scaled(finer.factor))
@@ -412,7 +412,7 @@ def test_stretched_ways_that_run_on_take_places_in_place_of_rays(factor):
     rays, shown, beside = _magnified(factor)
     ends = ending(rays, beside, shown, np.zeros(len(rays.ways), int), SIZE)
     assert not ends.pixel.any() and not ends.way.any()
-    finer = FinerRays(rays, ends, 0.4, Following(view_of(), straight))
+    finer = FinerRays(rays, ends, 0.4, Following(view_of(), straight), 0.0 * ends.pixel)
     assert not [part for part in finer.parts() if len(part.pixel)]
     times = np.bincount(finer.kept, minlength=len(rays.ways))
     wanted = [count for count, least in FINER if ends.stretched[0] > least] or [1]

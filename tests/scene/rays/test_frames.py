@@ -832,16 +832,38 @@ def test_the_first_layer_that_is_rendered_counts(tmp_path):
 # ------------------------------------------------------------------------- what it cannot show well
 
 
-@pytest.mark.parametrize("engine", ["CYCLES"])
-def test_depth_of_field_is_rendered_or_told_of(tmp_path, engine):
-    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
-    scene = _scene(samples=4, engine=engine)
-    _wall()
-    data = scene.camera.data
-    data.dof.use_dof, data.dof.focus_distance, data.dof.aperture_fstop = True, 0.4, 0.5
-    scenes.glass(shape="CYLINDER")
-    found = scenes.picture(scene, tmp_path)
-    assert np.isfinite(found).all()
+def _blurred_pane(engine):
+    """A dark pane before a bright wall that the camera sees sharply; the pane's right edge is in
+    the picture's middle. Also its blur's radius, pixels.
+    """
+    eyes = scenes.camera(location=(0.0, -0.5, 0.0), tilt=np.pi / 2, clip_start=0.01)
+    bpy.ops.mesh.primitive_plane_add(location=(0.0, 0.5, 0.0), rotation=(np.pi / 2, 0.0, 0.0))
+    bpy.context.object.data.materials.append(scenes.emissive("bright", (0.5, 0.5, 0.5)))
+    scene = _scene(engine=engine, samples=16, surface="REFRACTION")
+    pane = scenes.glass(shape="SLAB", radius=0.2, wall_thickness=0.001, ior=1.01)
+    pane.location, pane.rotation_euler = (-0.2, -0.2, 0.0), (np.pi / 2, 0.0, 0.0)
+    write_input(glass_modifier(pane), "Absorption Color", (1e-6, 1e-6, 1e-6, 1.0))
+    write_input(glass_modifier(pane), "Absorption Distance", 1e-4)
+    dof = eyes.data.dof
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 1.0, 0.8
+    return scene, 64 * 50 / 36 * 0.025 / 0.8 * (1 / 0.3 - 1.0)
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
+def test_a_glass_out_of_focus_ends_as_a_disc_of_the_lens_does(tmp_path, engine):
+    scene, radius = _blurred_pane(engine)
+    found = scenes.picture(scene, tmp_path)[12:36, :, 0].mean(axis=0) / 0.5
+    assert _problems(scene) == []
+    place = np.clip((np.arange(64) - 31.5) / radius, -1.0, 1.0)
+    wanted = 1.0 - (np.arccos(place) - place * np.sqrt(1.0 - place**2)) / np.pi
+    assert radius > 6.0
+    np.testing.assert_allclose(found, wanted, atol=0.05)
+
+
+def test_depth_of_field_that_is_not_followed_is_told_of(tmp_path):
+    scene, _ = _blurred_pane("CYCLES")
+    scene.refractive_glass.captures = 1
+    scenes.picture(scene, tmp_path)
     assert "has depth of field" in " ".join(_problems(scene))
 
 

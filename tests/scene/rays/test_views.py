@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Radiance views: what is computed of a camera is what Blender's camera of that name draws."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
 import scenes
+from mathutils import Vector
 
 from glass_refraction.scene.rays.true import _aim_camera
 from glass_refraction.scene.rays.views import aimed_view, direct_view, virtual_eye
-from glass_refraction.scene.read.viewpoint import border_window, read_viewpoint
+from glass_refraction.scene.read.viewpoint import Lens, border_window, read_viewpoint
 
 
 def _frame(size=(96, 64), aspect=(1.0, 1.0), border=None, crop=False, **camera):
@@ -143,3 +146,65 @@ def test_what_a_view_shows_of_a_point_depends_on_no_other_point():
     for told in (view.local, view.turned, view.lengths):
         alone = np.concatenate([told(points[k : k + 1]) for k in range(5_003)])
         np.testing.assert_array_equal(told(points), alone)
+
+
+# ----------------------------------------------------------------------------------------- lenses
+
+
+OPENINGS = [{}, {"aperture_blades": 5, "aperture_rotation": 0.4}, {"aperture_ratio": 2.0}]
+
+
+def _with_lens(opening):
+    scene, _ = _frame(lens=60.0, shift_x=0.1)
+    dof = scene.camera.data.dof
+    dof.use_dof, dof.aperture_fstop = True, 1.5
+    dof.focus_object = bpy.data.objects.new("Focus", None)
+    scene.collection.objects.link(dof.focus_object)
+    dof.focus_object.location = scene.camera.matrix_world @ Vector((0.3, -0.2, -0.8))
+    for name, value in opening.items():
+        setattr(dof, name, value)
+    view = read_viewpoint(scene, scenes.depsgraph())
+    return scene, direct_view(view, (0, 0, *view.size), 0.01, 100.0)
+
+
+@pytest.mark.parametrize("opening", OPENINGS, ids=str)
+def test_an_own_cameras_lens_is_that_of_its_view(opening):
+    scene, view = _with_lens(opening)
+    assert view.lens.radius == pytest.approx(0.06 / 1.5 / 2.0)
+    assert view.lens.focus == pytest.approx(0.8)
+    camera = bpy.data.objects.new("capture", bpy.data.cameras.new("capture"))
+    scene.collection.objects.link(camera)
+    _aim_camera(camera, view, 10.0)
+    scene.camera = camera
+    found = read_viewpoint(scene, scenes.depsgraph()).lens
+    assert vars(found) == pytest.approx(vars(view.lens))
+    _aim_camera(camera, replace(view, lens=None), 10.0)
+    assert read_viewpoint(scene, scenes.depsgraph()).lens is None
+
+
+@pytest.mark.parametrize("opening", OPENINGS, ids=str)
+def test_rays_from_all_over_a_lens_meet_in_the_sharp_plane(opening):
+    _, view = _with_lens(opening)
+    random = np.random.default_rng(5)
+    place = np.repeat(random.uniform(0.0, view.size, (20, 2)), 30, axis=0)
+    origins, directions = view.lens_rays(place, random.random((len(place), 2)))
+    np.testing.assert_allclose((origins - view.eye) @ view.forward, view.near, rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
+    for depth, is_sharp in ((view.lens.focus, True), (0.5 * view.lens.focus, False)):
+        way = (depth - view.near) / (directions @ view.forward)
+        pixels, _ = view.pixels(origins + way[:, None] * directions)
+        off = np.linalg.norm(pixels - place, axis=1)
+        assert (off.max() < 1e-6) == is_sharp
+        assert off.max() <= view.focal_px * view.lens.blur(depth) * (1.0 + 1e-9) + 1e-9
+
+
+@pytest.mark.parametrize("blades", [0, 3, 6])
+def test_places_in_a_lens_stand_for_equal_areas(blades):
+    steps = (np.arange(120) + 0.5) / 120
+    unit = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    found = Lens(2.0, 1.0, blades=blades, rotation=0.3).places(unit)
+    # Of a regular polygon round a circle's middle, corners on it.
+    square = 2.0 / 3.0 * (2.0 + np.cos(2.0 * np.pi / blades)) if blades else 2.0
+    np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=1e-9)
+    assert (found**2).sum(axis=1).mean() == pytest.approx(square, rel=1e-3)
+    assert np.linalg.norm(found, axis=1).max() <= 2.0
