@@ -387,8 +387,8 @@ def _blurred(scene: bpy.types.Scene) -> list[str]:
         )
     elif _has_lens(scene) and scene.refractive_glass.captures < 2:
         found.append(
-            f'Camera "{camera.name}" has depth of field, and without captures what is seen in the '
-            "glass is blurred where the picture shows it, else sharp"
+            f'Camera "{camera.name}" has depth of field, and a glass out of focus is sharp: choose '
+            "two captures or more"
         )
     if not scene.render.use_motion_blur:
         return found
