@@ -272,6 +272,11 @@ class Maker:
         if self.chance(0.1):
             data.type, data.ortho_scale = "ORTHO", 0.3
             self.notes.append("orthographic")
+        if self.chance(0.2):
+            dof = data.dof
+            dof.use_dof, dof.focus_distance = True, towards.length * self.number(0.5, 1.5)
+            dof.aperture_fstop, dof.aperture_blades = self.number(0.8, 4.0), self.random.integers(8)
+            self.notes.append("depth of field")
 
 
 def blurred(picture: np.ndarray) -> np.ndarray:

@@ -9,12 +9,9 @@ from statistics import NormalDist
 
 import numpy as np
 
-from ...optics.vectors import dot, perpendiculars, rotated
 from .columns import joined
 from .follow import ENOUGH, SPREAD, Follower, way_codes
 from .hits import TOGETHER, Shown, Ways
-from .lamps import Sun
-from .radiance import UNLIMITED, Clamp
 
 FINER = ((4, 0.05), (6, 0.2), (12, 0.6))
 """Rays of a pixel in which ways end, by the part of the light that ends there; see `_lattice`."""
@@ -51,6 +48,8 @@ WORKBENCH_SIGMA = {"OFF": 0.0, "FXAA": 0.35, "5": 0.38}
 """Pixels, by Workbench's anti-aliasing, as measured on an edge."""
 WORKBENCH_MANY = 0.44
 """The same with more samples."""
+LEAST_LIGHT = 1e-300
+"""Keeps a quotient finite where there is none."""
 MARGIN_PX = 2
 """Pixels round the glasses' outlines."""
 
@@ -239,7 +238,7 @@ class FinerRays:
     def _factor(self, pixels) -> np.ndarray:
         """By what the ways of pixels are multiplied so that they bring all their light."""
         most = np.maximum(self._brought[pixels], ENOUGH * self._wanted[pixels])
-        return self._wanted[pixels] / np.maximum(most, LEAST_SPREAD)
+        return self._wanted[pixels] / np.maximum(most, LEAST_LIGHT)
 
     @property
     def factor(self) -> np.ndarray:
@@ -278,7 +277,7 @@ def _lattice(count: int) -> np.ndarray:
     places. (Korobov's lattices; of 4 places: the rotated grid.)
     """
     first = np.arange(1, count + 1)
-    steps = _bell_means(count)
+    steps = bell_means(count)
     return np.stack((steps, steps[first * LATTICE[count] % (count + 1) - 1]), axis=-1)
 
 
@@ -293,7 +292,7 @@ def _square(count: int) -> np.ndarray:
     return np.stack((half, half + np.array((0.0, 0.5))), axis=1).reshape(-1, 2) % 1.0
 
 
-def _bell_means(count: int) -> np.ndarray:
+def bell_means(count: int) -> np.ndarray:
     """Means (count,) of as many equally likely parts of the standard normal distribution."""
     # The density at the parts' ends tells their means: ∫ x φ(x) dx = −φ(x).
     ends = np.array([_quantile(k / count) for k in range(count + 1)])
@@ -469,93 +468,3 @@ def between(
     low, high = np.array(region[:2]) + 0.5, np.array(region[2:]) - 0.5
     found[moved] = np.clip(found[moved], low, high)
     return found
-
-
-def sun_light(
-    rays: PictureRays,
-    beside: Neighbours,
-    suns: tuple[Sun, ...],
-    sigma: float,
-    clamp: Clamp = UNLIMITED,
-) -> np.ndarray:
-    """(K, 3) radiance of the suns along the ways of one ray a pixel, as the pixel filter sees it.
-
-    A pixel's rays leave within a cone, which neighbouring pixels tell: their directions'
-    differences, times the filter's standard deviation, are the axes of a Gauss bell. A sun that is
-    smaller than the cone is a bell too, of its disc's second moments: what both have in common is
-    what the pixel sees of it. In a larger one, places of the cone are looked at one by one.
-    """
-    ways = rays.ways
-    out = np.zeros((len(ways), 3))
-    sky = np.flatnonzero(ways.is_sky)
-    if not (len(sky) and suns):
-        return out
-    slopes = [sigma * _slope(ways.direction, beside, axis, sky) for axis in range(2)]
-    longest = np.maximum(*(np.linalg.norm(slope, axis=1) for slope in slopes))
-    for sun in suns:
-        cosine = np.clip(dot(ways.direction[sky].T, sun.towards), -1.0, 1.0)
-        half = np.arccos(np.clip(sun.cosine, -1.0, 1.0))
-        near = np.flatnonzero(np.arccos(cosine) < half + FARTHEST * longest + LEAST_ANGLE)
-        large = half > LARGE * longest[near]
-        for seen, some in ((_disc_in_cone, near[large]), (_bell_in_cone, near[~large])):
-            if len(some):
-                axes = [slope[some] for slope in slopes]
-                here = ways.take(sky[some])
-                factor = np.take(sun.factors, here.path & 1)
-                part = seen(sun, here.direction, *axes)
-                out[sky[some]] += clamp.limited(factor[:, None] * sun.radiance, here, part)
-    return out
-
-
-def _bell_in_cone(sun: Sun, direction, first, second) -> np.ndarray:
-    """(n,) what part of the light in a cone's middle a sun gives that is smaller than the cone.
-
-    Parameters
-    ----------
-    direction, first, second : (n, 3) the cone's axis, and its bell's axes.
-    """
-    towards = np.array(sun.towards)
-    frame = np.stack(perpendiculars(towards))
-    ox, oy = rotated(frame, (towards - direction).T)
-    (ax, ay), (bx, by) = (rotated(frame, axis.T) for axis in (first, second))
-    square = max(1.0 - sun.cosine**2, 0.0)
-    # A disc of radius r has the second moments r²/4.
-    xx = ax * ax + bx * bx + 0.25 * square
-    yy = ay * ay + by * by + 0.25 * square
-    xy = ax * ay + bx * by
-    determinant = np.maximum(xx * yy - xy * xy, LEAST_SPREAD)
-    distance = (yy * ox * ox - 2.0 * xy * ox * oy + xx * oy * oy) / determinant
-    return 0.5 * square * np.exp(-0.5 * distance) / np.sqrt(determinant)
-
-
-def _disc_in_cone(sun: Sun, direction, first, second) -> np.ndarray:
-    """(n,) what part of a cone lies in a sun that is not much smaller; arguments as above."""
-    steps = _bell_means(PLACES)
-    inside = np.zeros(len(direction))
-    for x in steps:
-        for y in steps:
-            place = direction + x * first + y * second
-            inside += dot(place.T, sun.towards) > sun.cosine * np.linalg.norm(place, axis=1)
-    return inside / PLACES**2
-
-
-LARGE = 1.2
-"""A sun's half angle, in the longest axis of a cone's bell, from which on places are looked at:
-nearer ones would be missed between them."""
-PLACES = 8
-"""Along either axis of a cone, in which a large sun is looked for."""
-FARTHEST = 5.5
-"""Standard deviations of a bell beyond which nothing is left of it."""
-LEAST_ANGLE = 1e-6
-"""Radians: rounding of an angle between directions."""
-LEAST_SPREAD = 1e-300
-"""Keeps a quotient finite where neither cone nor sun has a size."""
-
-
-def _slope(values: np.ndarray, beside: Neighbours, axis: int, some: np.ndarray) -> np.ndarray:
-    """Differences (n, 3) of values (K, 3) from one pixel to the next, 0 where there is no next."""
-    ahead, behind = beside.ahead[axis][some], beside.behind[axis][some]
-    high = np.where(ahead >= 0, ahead, some)
-    low = np.where(behind >= 0, behind, some)
-    steps = np.maximum((ahead >= 0).astype(float) + (behind >= 0), 1.0)
-    return (values[high] - values[low]) / steps[:, None]

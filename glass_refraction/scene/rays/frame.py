@@ -34,7 +34,6 @@ from .exits import (
     grid,
     neighbours,
     spacing,
-    sun_light,
 )
 from .follow import CONTACT, Band, Follower, Kept
 from .hits import (
@@ -58,6 +57,7 @@ from .polish import amendments, polished
 from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .sky import Sky
+from .suns import sun_light
 from .things import Things
 from .views import RadianceView, direct_view
 
@@ -337,7 +337,7 @@ def _followed(
     drawn[grid([frame.region], view.size)] = True
     ends = replace(ends, pixel=np.where(drawn, ends.pixel, 0.0))
     sigma = filter_sigma(frame.engine, frame.filter_size)
-    glints = sun_light(coarse, beside, frame.sky.suns, sigma, frame.clamp)
+    glints = sun_light(coarse, beside, frame.sky.suns, sigma, follower, frame.clamp)
     lit = np.flatnonzero(glints.any(axis=1))
     lit_pixel = _window_pixels(beside.pixel[lit], view)
     lit = glints[lit] * coarse.ways.colour[lit]

@@ -17,20 +17,20 @@ from glass_refraction.scene.rays.exits import (
     Endings,
     FinerRays,
     PictureRays,
-    _bell_means,
     _lattice,
+    bell_means,
     between,
     centre_rays,
     ending,
     filter_sigma,
     grid,
     neighbours,
-    sun_light,
     together,
 )
 from glass_refraction.scene.rays.follow import Part, unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
 from glass_refraction.scene.rays.lamps import Sun
+from glass_refraction.scene.rays.suns import sun_light
 from glass_refraction.scene.rays.true import _filter_size
 from glass_refraction.scene.read.viewpoint import Viewpoint
 
@@ -97,11 +97,11 @@ def straight(origins, directions):
 def test_places_are_the_means_of_equal_parts_of_the_bell(side):
     random = np.random.default_rng(0)
     drawn = np.sort(random.normal(0, 1, 400 * 840)).reshape(side, -1).mean(axis=1)
-    np.testing.assert_allclose(_bell_means(side), drawn, atol=0.01)
+    np.testing.assert_allclose(bell_means(side), drawn, atol=0.01)
 
 
 def test_the_more_places_the_nearer_their_variance_is_to_the_filters():
-    variance = [(_bell_means(side) ** 2).mean() for side in (2, 3, 5, 9, 33)]
+    variance = [(bell_means(side) ** 2).mean() for side in (2, 3, 5, 9, 33)]
     assert np.all(np.diff(variance) > 0.0)
     assert variance[0] == pytest.approx(2.0 / np.pi)
     assert variance[-1] == pytest.approx(1.0, abs=0.02)
@@ -164,7 +164,7 @@ def _ends(coarse, pixel, way=1.0):
 def test_places_of_many_rays_share_no_row_and_no_column(count):
     places = _lattice(count)
     for axis in range(2):
-        np.testing.assert_allclose(np.sort(places[:, axis]), _bell_means(count), atol=1e-12)
+        np.testing.assert_allclose(np.sort(places[:, axis]), bell_means(count), atol=1e-12)
     np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=1e-12)
     # No direction is preferred by much.
     assert abs(np.corrcoef(places.T)[0, 1]) < 0.25
@@ -525,7 +525,9 @@ def test_all_pixels_together_get_the_suns_flux(through, half_px):
         seen = np.array(((x / 3 + 0.1) * pixel, (y / 3 + 0.1) * pixel, -1.0))
         ways, _ = through(np.zeros((1, 3)), seen[None] / np.linalg.norm(seen))
         sun = Sun(tuple(ways.direction[0]), float(np.cos(half)), (7.0, 7.0, 7.0))
-        light = sun_light(rays, beside, (sun,), filter_sigma("CYCLES", 1.5))
+        light = sun_light(
+            rays, beside, (sun,), filter_sigma("CYCLES", 1.5), Following(view, through)
+        )
         found.append(_flux(view, rays, light) / (7.0 * solid * ways.weight[0]))
         brightest = max(brightest, light.max() / 7.0)
     assert np.mean(found) == pytest.approx(1.0, rel=0.015)
@@ -538,7 +540,7 @@ def test_a_sun_is_as_bright_as_it_is_and_ends_at_its_border():
     rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view, straight))
     half = 10.0 * 2.0 / (SIZE[0] * view.projection[0, 0])
     sun = Sun((0.0, 0.0, -1.0), float(np.cos(half)), (5.0, 2.0, 1.0))
-    light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25)
+    light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25, Following(view, straight))
     apart = np.arccos(np.clip(-rays.ways.direction[:, 2], -1, 1)) / half
     np.testing.assert_allclose(light[apart < 0.9], [sun.radiance] * (apart < 0.9).sum())
     assert not light[apart > 1.1].any()
@@ -548,7 +550,69 @@ def test_a_sun_as_wide_as_half_the_sky():
     view = view_of(3.0)
     rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), Following(view, straight))
     sun = Sun((0.0, 0.0, -1.0), 0.0, (5.0, 2.0, 1.0), (1.0, 0.5))
-    light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25)
+    light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.25, Following(view, straight))
     # The paths are those of mirrored light.
     assert rays.ways.is_mirrored.all()
     np.testing.assert_allclose(light, np.broadcast_to(0.5 * np.array(sun.radiance), light.shape))
+
+
+def _spread(origins, directions):
+    """Nine times as far from the axis from row to row."""
+    bent = directions * (1.0, 9.0, 1.0)
+    bent /= np.linalg.norm(bent, axis=1, keepdims=True)
+    return sky_ways(np.arange(len(origins)), bent), np.zeros(len(origins))
+
+
+def _in_rows(origins, directions):
+    """The same, each row of pixels by a way of its own."""
+    row = np.floor(directions[:, 1] / -directions[:, 2] * 0.5 * SIZE[0] * 3.0 + 0.5 * SIZE[1])
+    ways, lost = _spread(origins, directions)
+    return replace(ways, path=2 * row.astype(np.int64) + 1), lost
+
+
+def test_a_sun_in_a_way_as_narrow_as_a_pixel_is_no_brighter():
+    """A rim that spreads the sun's light was a row of white pixels: no neighbour told how far."""
+    view, found = view_of(3.0), []
+    sun = Sun((0.0, 0.0, -1.0), float(np.cos(5e-3)), (5.0, 2.0, 1.0))
+    for through in (_spread, _in_rows):
+        follower = Following(view, through)
+        rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), follower)
+        light = sun_light(rays, neighbours(rays, SIZE), (sun,), 0.4, follower)
+        found.append(_flux(view, rays, light))
+    assert found[1] == pytest.approx(found[0], rel=0.2)
+
+
+def test_a_sun_in_a_way_that_only_the_centre_has_is_not_seen():
+    view = view_of(3.0)
+
+    def centre_only(origins, directions):
+        ways, lost = straight(origins, directions)
+        return replace(ways, path=np.arange(2 * len(origins), step=2) + 1), lost
+
+    follower = Following(view, centre_only)
+    rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), follower)
+    sun = Sun((0.0, 0.0, -1.0), float(np.cos(1e-3)), (5.0, 2.0, 1.0))
+    some = np.flatnonzero(sun_light(rays, neighbours(rays, SIZE), (sun,), 0.4, follower)[:, 0])
+    assert len(some) <= 1
+
+
+def _over_an_edge(origins, directions):
+    """A flat mirror above, and below another, that send light into directions far apart."""
+    above = directions[:, 1] > 0.0
+    turn = np.where(above, 0.6, -0.6)
+    y, z = directions[:, 1], directions[:, 2]
+    turned = (
+        directions[:, 0],
+        y * np.cos(turn) - z * np.sin(turn),
+        y * np.sin(turn) + z * np.cos(turn),
+    )
+    return sky_ways(np.arange(len(origins)), np.stack(turned, axis=1)), np.zeros(len(origins))
+
+
+def test_a_sun_between_what_both_sides_of_an_edge_mirror_is_not_seen():
+    """Both have the same path, and a row of pixels along a cylinder's rim was white."""
+    view = view_of(3.0)
+    follower = Following(view, _over_an_edge)
+    rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), follower)
+    sun = Sun((0.0, 0.0, -1.0), float(np.cos(0.05)), (5.0, 2.0, 1.0))
+    assert not sun_light(rays, neighbours(rays, SIZE), (sun,), 0.4, follower).any()
