@@ -84,6 +84,15 @@ def _world_changes(scene, glass):
     scenes.key(scene.world, "color", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
 
 
+def _focus_is_pulled(scene, glass):
+    scene.display.shading.use_dof = True
+    dof = scene.camera.data.dof
+    dof.use_dof, dof.aperture_fstop = True, 1.0
+    dof.focus_object = bpy.data.objects.new("Focus", None)
+    scene.collection.objects.link(dof.focus_object)
+    scenes.key(dof.focus_object, "location", [(0, -0.04, 0), (0, 1.1, 0), (0, -0.2, 0)])
+
+
 HAPPENS = (
     _eye_enters,
     _ior_crosses_one,
@@ -96,6 +105,7 @@ HAPPENS = (
     _lens_becomes_parallel,
     _captures_come_and_go,
     _world_changes,
+    _focus_is_pulled,
 )
 
 
