@@ -39,6 +39,9 @@ for all of the pixel. Near total reflection it changes steeply."""
 LENS = ((12, 1.5), (28, 4.0))
 """Rays of a pixel where a lens blurs a glass, by the radius of the blur, pixels. Where it
 is less, one point of the lens shows it as well."""
+MOST_OF_LENS = 3_000_000
+"""Rays from all over a lens in one picture, of half a kilobyte each: pixels of large ones have
+fewer."""
 FAINTER = 4.0
 """Times its own light: a way takes as many places as that asks for, its pixel's at most."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
@@ -152,7 +155,7 @@ class FinerRays:
         self._of_lens = blur > LENS[0][1]
         self._rough = self._of_lens | ((most > self._tiers[0][1]) & (ends.pixel > STEADY))
         self._count = _places(np.where(self._rough, most, 0.0), self._tiers)
-        self._count[self._of_lens] = _places(blur[self._of_lens], LENS)
+        self._count[self._of_lens] = lens_places(blur[self._of_lens])
         settled = (ends.way <= STEADY) & ~self._of_lens[pixel]
         settled |= coarse.ways.weight < follower.fine_weight
         # The facets of rough glass differ from ray to ray: the centre's is one among all.
@@ -198,7 +201,7 @@ class FinerRays:
     def lens_parts(self) -> Iterator[PictureRays]:
         """The same of rays from places all over the lens."""
         sets = []
-        for count, _ in LENS:
+        for count in LATTICE:
             pixels = np.flatnonzero((self._count == count) & self._of_lens)
             if len(pixels):
                 places = self._sigma * _lattice(count), _square(count)
@@ -257,6 +260,17 @@ def _places(value: np.ndarray, tiers: tuple[tuple[int, float], ...]) -> np.ndarr
     count = np.ones(len(value), np.int32)
     for many, least in tiers:
         count[value > least] = many
+    return count
+
+
+def lens_places(blur: np.ndarray) -> np.ndarray:
+    """(N,) rays of pixels, by the radii (N,) of their blur, pixels; in all as many as there may be,
+    if not the least that pixels have."""
+    count = _places(blur, LENS)
+    for most in sorted(LATTICE, reverse=True):
+        count = np.minimum(count, most)
+        if count.sum() <= MOST_OF_LENS:
+            break
     return count
 
 

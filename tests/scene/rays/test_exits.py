@@ -14,6 +14,7 @@ from glass_refraction.scene.rays.exits import (
     BRIGHTEST,
     FINER,
     LATTICE,
+    MOST_OF_LENS,
     Endings,
     FinerRays,
     PictureRays,
@@ -24,6 +25,7 @@ from glass_refraction.scene.rays.exits import (
     ending,
     filter_sigma,
     grid,
+    lens_places,
     neighbours,
     together,
 )
@@ -616,3 +618,12 @@ def test_a_sun_between_what_both_sides_of_an_edge_mirror_is_not_seen():
     rays = centre_rays(np.arange(SIZE[0] * SIZE[1]), follower)
     sun = Sun((0.0, 0.0, -1.0), float(np.cos(0.05)), (5.0, 2.0, 1.0))
     assert not sun_light(rays, neighbours(rays, SIZE), (sun,), 0.4, follower).any()
+
+
+def test_rays_from_all_over_a_lens_are_more_the_larger_its_blur_and_not_too_many():
+    found = lens_places(np.array((1.6, 3.9, 4.1, 50.0)))
+    assert np.all(np.diff(found) >= 0) and found[0] < found[-1]
+    for pixels in (100_000, 200_000, 600_000):
+        found = lens_places(np.full(pixels, 50.0))
+        assert found.sum() <= MOST_OF_LENS and found.min() in LATTICE
+    assert (lens_places(np.full(3 * MOST_OF_LENS, 50.0)) == min(LATTICE)).all()
