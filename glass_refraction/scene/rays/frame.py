@@ -57,7 +57,7 @@ from .polish import amendments, polished
 from .radiance import Clamp, Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
 from .sky import Sky
-from .suns import sun_light
+from .suns import out_of_focus, sun_light
 from .things import Things
 from .views import RadianceView, direct_view
 
@@ -339,8 +339,13 @@ def _followed(
     sigma = filter_sigma(frame.engine, frame.filter_size)
     glints = sun_light(coarse, beside, frame.sky.suns, sigma, follower, frame.clamp)
     lit = np.flatnonzero(glints.any(axis=1))
-    lit_pixel = _window_pixels(beside.pixel[lit], view)
-    lit = glints[lit] * coarse.ways.colour[lit]
+    lit_pixel, lit = out_of_focus(
+        beside.pixel[lit],
+        glints[lit] * coarse.ways.colour[lit],
+        np.where(blur > LENS[0][1], blur, 0.0).reshape(view.size[::-1]),
+    )
+    lit = lit[drawn[lit_pixel]]
+    lit_pixel = _window_pixels(lit_pixel[drawn[lit_pixel]], view)
     tell(FOLLOWING)
     finer = FinerRays(coarse, ends, sigma, follower, blur)
     centres = (coarse, shown, beside)
@@ -570,7 +575,7 @@ def _summed(
     colour = radiance * lookups.colour[known] * lookups.share[known, None]
     opaque = (view_number[known] == KNOWN) & ~lookups.clear[known]
     opaque = (opaque * weight[known])[:, None] * np.ones(3)
-    packed = PackedPixels(np.unique(pixel))
+    packed = PackedPixels(np.unique(np.concatenate((pixel, rays.lit_pixel))))
     width, height = _window_size(frame.view)
     covering = np.bincount(pixel, weight, width * height)
     covering += np.bincount(rays.dark_pixel, rays.dark, width * height)

@@ -27,6 +27,8 @@ LEAST_SPREAD = 1e-300
 """Keeps a quotient finite where neither cone nor sun has a size."""
 WIDEST = 0.5
 """Radians beyond a sun's border within which it is looked for in a cone that no neighbour tells."""
+MOST_PLACES = 2000
+"""At about so many, at most, the light of a pixel is put in a disc."""
 JUMP = 3.0
 """Times the difference to a neighbour on one side: so much larger, that on the other is an edge."""
 BESIDE_PX = 0.1
@@ -73,6 +75,34 @@ def sun_light(
         light[some] = _light(here, suns, sigma, slopes, clamp)
     out[sky] = light
     return out
+
+
+def out_of_focus(
+    pixel: np.ndarray, light: np.ndarray, blur: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Light (n, 3) of pixels (n,) as a lens shows it, and the pixels that have it.
+
+    Parameters
+    ----------
+    blur : (height, width) radius, pixels, of the disc as which each pixel's light is seen. What
+        falls beside the frame is left out.
+    """
+    height, width = blur.shape
+    radius = blur.ravel()[pixel]
+    pixels, lights = [pixel[radius == 0.0]], [light[radius == 0.0]]
+    for one in np.unique(radius[radius > 0.0]):
+        some = np.flatnonzero(radius == one)
+        step = max(1, int(one * np.sqrt(np.pi / MOST_PLACES)))
+        steps = np.arange(-int(one), int(one) + 1, step)
+        x, y = (part.ravel() for part in np.meshgrid(steps, steps))
+        x, y = (part[x * x + y * y <= one * one] for part in (x, y))
+        row, column = np.divmod(pixel[some, None], width)
+        row, column = row + y, column + x
+        there = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        which, _ = np.nonzero(there)
+        pixels.append((row * width + column)[there])
+        lights.append(light[some[which]] / len(x))
+    return np.concatenate(pixels), np.concatenate(lights)
 
 
 def _light(

@@ -32,7 +32,7 @@ from glass_refraction.scene.rays.exits import (
 from glass_refraction.scene.rays.follow import Part, unsettled
 from glass_refraction.scene.rays.hits import Shown, Ways
 from glass_refraction.scene.rays.lamps import Sun
-from glass_refraction.scene.rays.suns import sun_light
+from glass_refraction.scene.rays.suns import out_of_focus, sun_light
 from glass_refraction.scene.rays.true import _filter_size
 from glass_refraction.scene.read.viewpoint import Viewpoint
 
@@ -627,3 +627,19 @@ def test_rays_from_all_over_a_lens_are_more_the_larger_its_blur_and_not_too_many
         found = lens_places(np.full(pixels, 50.0))
         assert found.sum() <= MOST_OF_LENS and found.min() in LATTICE
     assert (lens_places(np.full(3 * MOST_OF_LENS, 50.0)) == min(LATTICE)).all()
+
+
+def test_a_sun_out_of_focus_is_a_disc_of_the_same_light():
+    random, (width, height) = np.random.default_rng(3), SIZE
+    pixel, light = np.array((10 * width + 12, 30 * width + 50)), random.random((2, 3))
+    blur = np.zeros((height, width))
+    blur[:20] = 5.2
+    found, lights = out_of_focus(pixel, light, blur)
+    np.testing.assert_allclose(lights.sum(axis=0), light.sum(axis=0))
+    y, x = np.divmod(found, width)
+    in_disc = y < 20
+    far = np.hypot(x - 12, y - 10)[in_disc]
+    assert 4.5 < far.max() <= 5.2 and in_disc.sum() == pytest.approx(np.pi * 5.2**2, rel=0.1)
+    assert found[~in_disc].tolist() == pixel[1:].tolist()
+    corner, _ = out_of_focus(np.array((0,)), light[:1], np.full((height, width), 1e3))
+    assert corner.min() >= 0 and corner.max() < width * height
