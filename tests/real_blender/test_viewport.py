@@ -9,7 +9,7 @@ import pytest
 
 DEMO = Path(__file__).parents[2] / "demo_scenes" / "eraser.blend"
 FRAMES = (1, 10, 20)
-WINDOW = (800, 560)
+WINDOW = (600, 430)
 
 
 @pytest.fixture(scope="module")
@@ -182,8 +182,10 @@ def test_a_glass_of_ior_1_is_not_seen(found):
 
 
 def test_an_instance_of_a_glass_is_seen_as_the_glass(found):
-    """In its place, and once it moved."""
-    assert max(found["instances"]) < 20
+    """In its place, and once it moved. The verge alone is two thousand pixels; a side of the eraser
+    that runs between two columns of them may fall on the other one.
+    """
+    assert max(found["instances"]) < 100
 
 
 def test_nothing_happens_on_a_still_scene(found):

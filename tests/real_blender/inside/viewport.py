@@ -33,7 +33,7 @@ REDRAWS = 10
 UNDOS = 4
 """Steps back, and as many forth."""
 ZOOM = 20.0
-"""Of the camera's view: its frame is 540 pixels wide, most of the view."""
+"""Of the camera's view: its frame is 430 pixels wide, most of the view."""
 STEP = (0.002, -0.002)
 """Metres by which eye or eraser move from redraw to redraw."""
 SEEN_STEP = 0.1

@@ -40,8 +40,10 @@ for name, colour in COLOURS.items():
     for slot in range(len(mesh.materials)):
         mesh.materials[slot] = material
 scene.render.engine = "BLENDER_EEVEE"
-# Each takes a second without a graphics card.
+# Each takes a second without a graphics card, most of it for light that no flat colour shows.
 scene.eevee.taa_samples = 8
+scene.eevee.use_shadows = False
+scene.world.probe_resolution = "128"
 bpy.ops.wm.save_as_mainfile(filepath=str(FLAT), copy=True)
 
 render = scene.render
