@@ -14,7 +14,7 @@ def found(installed):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_vertices_appear_where_optics_says(found, shape):
     result = found[shape]
-    assert result["points"] > 100_000
+    assert result["points"] > 33_000
     assert result["infinite"] == 0
     # Pixels of 800, over which the glass is spread.
     assert result["error"] < 0.05

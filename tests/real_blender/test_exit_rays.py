@@ -40,8 +40,8 @@ def found(installed):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_exit_rays_are_those_of_optics(found, shape):
     result = found[shape]
-    assert result["rays"] > 16_000
-    assert result["ways"] > 40_000
+    assert result["rays"] > 8_000
+    assert result["ways"] > 20_000
     assert result["median"] < 1e-6
     # But for ways that end where another begins, and those that go on until rounding shows.
     assert result["off_short"] < OFF_SHORT.get(shape, 2e-3)
@@ -55,7 +55,7 @@ def test_exit_rays_are_those_of_optics(found, shape):
 def test_rays_before_the_near_plane_are_not_bent(found, shape):
     """A camera's *Clip Start* cuts glasses in renders; in the view they stayed whole."""
     result = found[f"{shape}, cut"]
-    assert result["rays"] > 8_000
+    assert result["rays"] > 4_000
     assert result["median"] < 1e-6
     assert result["light_off"] < 1e-2
     assert result["weight_off"] < 1e-3
@@ -64,8 +64,8 @@ def test_rays_before_the_near_plane_are_not_bent(found, shape):
 @pytest.mark.parametrize("scene", MESHES)
 def test_exit_rays_of_meshes_are_those_of_optics(found, scene):
     result = found[scene]
-    assert result["rays"] > 5_000
-    assert result["ways"] > 20_000
+    assert result["rays"] > 2_500
+    assert result["ways"] > 10_000
     assert result["median"] < 1e-5
     assert result["off_short"] < MESHES[scene]
     assert result["light_off"] < MESHES[scene]

@@ -18,7 +18,7 @@ from vertex_points import apparent_points
 
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
-POINTS = 60_000
+POINTS = 20_000
 EYES = 5
 SIZE = (800, 600)
 SQUARE = [(-0.3, -0.3), (0.3, -0.3), (0.3, 0.3), (-0.3, 0.3)]

@@ -20,10 +20,10 @@ import passes
 
 FOLDER = Path(sys.argv[-1])
 NAME = "bl_ext.user_default.refractive_glass.glass_refraction"
-ROWS, COLUMNS = 100, 400
-FEW_ROWS = {"revolution": 50}
+ROWS, COLUMNS = 50, 400
+FEW_ROWS = {"revolution": 25}
 """As many of them through what the reference is slow in."""
-CUT_ROWS, MESH_ROWS = 55, 32
+CUT_ROWS, MESH_ROWS = 28, 16
 LEAST = 0.01
 WAYS = 24
 
