@@ -116,6 +116,7 @@ def test_only_points_without_an_image_are_searched_for(monkeypatch, shape, toler
     assert 0 < unseen <= sum(searched) <= unseen + 0.03 * len(points)
 
 
+@pytest.mark.in_turn(2)
 @pytest.mark.parametrize("mirrors", [2, 8])
 def test_rays_that_a_whispering_path_is_searched_with(monkeypatch, mirrors):
     """A path that runs round in the wall by ten mirrors costs no more than one by two."""

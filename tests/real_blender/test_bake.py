@@ -22,6 +22,7 @@ PARTS = [("-f", "3", "-s", "1", "-e", "2", "-a"), ("-f", "2", "-f", "3", "-f", "
 counts for nothing: some engines' very first picture of a session differs."""
 
 
+@pytest.mark.in_turn(3)
 @pytest.mark.parametrize(
     ("engine", "last", "parts"),
     [

@@ -564,6 +564,7 @@ def test_a_glass_that_goes_takes_its_light_along(tmp_path):
     assert found[0] < 0.95 < found[1]
 
 
+@pytest.mark.in_turn(4)
 @pytest.mark.parametrize("moves", ["thing", "lamp", "lamp's parent", "glass"])
 def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, moves):
     scene = _floor(32, 24)

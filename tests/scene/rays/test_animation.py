@@ -119,6 +119,7 @@ def _animation(scene, folder):
     return {frame: scenes.load(folder / f"run_{frame:04}.exr") for frame in FRAMES}
 
 
+@pytest.mark.in_turn(4)
 @pytest.mark.parametrize("happens", HAPPENS, ids=lambda f: f.__name__.strip("_"))
 def test_a_frame_of_an_animation_is_the_frame_alone(tmp_path, happens):
     scene, glass = _scene()

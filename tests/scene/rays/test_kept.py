@@ -158,6 +158,7 @@ HAPPENS = {
 the bowl."""
 
 
+@pytest.mark.in_turn(4)
 @pytest.mark.parametrize("inside", [True, False], ids=["in the bowl", "behind it"])
 @pytest.mark.parametrize("happens", HAPPENS, ids=lambda f: f.__name__.strip("_"))
 def test_a_frame_after_others_is_the_frame_alone(monkeypatch, happens, inside):
