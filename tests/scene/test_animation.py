@@ -50,7 +50,7 @@ def _animation(scene, folder, frames):
 @pytest.mark.parametrize("persistent", [False, True])
 def test_a_frame_is_the_same_in_any_order(tmp_path, persistent):
     scene, _, glass = _scene(shading="DISPLACED")
-    scene.render.engine = "BLENDER_WORKBENCH"
+    scene.render.engine, scene.display.render_aa = "BLENDER_WORKBENCH", "OFF"
     scene.render.use_persistent_data = persistent
     glass.keyframe_insert("rotation_euler", frame=1)
     glass.rotation_euler.x = 0.3
