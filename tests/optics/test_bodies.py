@@ -43,7 +43,7 @@ def _met(name, seed, count):
 @pytest.mark.parametrize("name", BODIES)
 def test_all_light_of_a_ray_comes_from_somewhere(name):
     body = optics.body(BODIES[name])
-    eye, directions = _met(name, 1, 1000)
+    eye, directions = _met(name, 1, 400)
     ends = ways(body, eye, directions, min_weight=1e-3)
     brought = np.bincount(ends.ray, ends.weight, len(eye))
     assert (brought < 1.0 + 1e-12).all()
@@ -86,7 +86,7 @@ def test_rays_that_meet_no_end_take_the_paths_of_the_unbounded_glass(name):
     """Where the bounded description says that all faces are met within, the body says the same."""
     glass = BODIES[name]
     body = optics.body(glass)
-    eye, directions = _met(name, 3, 2000)
+    eye, directions = _met(name, 3, 700)
     ends = ways(body, eye, directions, min_weight=0.003)
     paths = tuple(dict.fromkeys(path.events for path in ends.paths if path.events))
     paths = tuple(sorted(paths, key=len)[:20])
@@ -101,7 +101,7 @@ def test_rays_that_meet_no_end_take_the_paths_of_the_unbounded_glass(name):
         both = (within[number] > 0.01) & ~_crosses_notch(name, eye, directions)
         np.testing.assert_allclose(light[both], within[number][both], atol=1e-9)
         checked += int(both.sum())
-    assert checked > 200
+    assert checked > 70
 
 
 def _has_end(path):

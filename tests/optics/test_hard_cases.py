@@ -102,7 +102,7 @@ def test_grazing_rays():
 
 @pytest.mark.parametrize("glass", [HOLLOW, FILLED, BALL])
 def test_eyes_in_awkward_places(glass):
-    points = np.concatenate([cloud(60), cloud(60, size=0.03, centre=(0, 0, 0))])
+    points = np.concatenate([cloud(25), cloud(25, size=0.03, centre=(0, 0, 0))])
     radius = glass.radius
     places = [radius[0] + 1e-6, 0.0, radius[-1] * 0.5, 1e-12, radius[0], radius[-1]]
     if len(radius) > 1:
@@ -157,8 +157,7 @@ def test_far_from_the_origin():
     np.testing.assert_allclose(moved.direction, near.direction, atol=1e-9)
 
 
-@pytest.mark.parametrize("gap", [1e-12, 1e-9, 1e-6, 1e-3])
-def test_beside_a_caustic(gap):
+def test_beside_a_caustic():
     """From the fold to either side: two images, or none, never a false one."""
     eye = np.array([0.8, 0.0, 0.1])
     low, high = 0.0, 0.03
@@ -171,8 +170,9 @@ def test_beside_a_caustic(gap):
     for _ in range(50):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if images(middle) == 3 else (low, middle)
-    assert images(low - gap) == 3
-    assert images(low + gap) == 1
+    for gap in (1e-12, 1e-9, 1e-6, 1e-3):
+        assert images(low - gap) == 3
+        assert images(low + gap) == 1
 
 
 def test_no_point_one_point_and_broken_points():
