@@ -30,8 +30,16 @@ def _settings(tmp_path):
     return Settings("tiny", scenes=(path,))
 
 
-def test_exit_rays_keep_all_light_and_ask_the_caster_once_a_step():
-    found = rays.run(TINY)
+@pytest.fixture(scope="module")
+def rays_part(tmp_path_factory):
+    """The report's part on exit rays, as the runner takes it from Blender."""
+    folder = tmp_path_factory.mktemp("rays")
+    runner.run(TINY, folder, only=["rays"], with_charts=False, progress=len)
+    return json.loads((folder / "report.json").read_text())["parts"]["rays"]
+
+
+def test_exit_rays_keep_all_light_and_ask_the_caster_once_a_step(rays_part):
+    found = rays_part["found"]
     assert [row["name"] for row in found["shapes"]] == list(rays.SHAPES)
     for row in found["shapes"]:
         assert row["imbalance"] < 1e-12 and 0.0 <= row["lost"] < 0.1
@@ -44,8 +52,8 @@ def test_exit_rays_keep_all_light_and_ask_the_caster_once_a_step():
     assert rays.describe(found)
 
 
-def test_hard_cases_are_what_they_must_equal():
-    for row in rays.run(TINY)["hard"]:
+def test_hard_cases_are_what_they_must_equal(rays_part):
+    for row in rays_part["found"]["hard"]:
         name = row["name"], row["kind"]
         assert row["imbalance"] < 1e-12 and row["nonfinite"] == 0, name
         if row["compared"] is None or "from the origin" in row["name"]:
@@ -174,7 +182,5 @@ def test_where_curves_cross():
     assert pictures.front({"rows": rows}) == [(0.1, 1), (0.05, 3)]
 
 
-def test_the_runner_takes_blenders_parts(tmp_path):
-    runner.run(TINY, tmp_path, only=["rays"], with_charts=False, progress=len)
-    report = json.loads((tmp_path / "report.json").read_text())
-    assert report["parts"]["rays"]["machine"]["blender"] == bpy.app.version_string
+def test_the_runner_takes_blenders_parts(rays_part):
+    assert rays_part["machine"]["blender"] == bpy.app.version_string

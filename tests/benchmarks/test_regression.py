@@ -5,6 +5,7 @@ The limits are a tenth above what is followed today. Who lowers what a frame cos
 must raise one says why.
 """
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,12 @@ def scene_named(name):
     return frames._mesh_glass(1_000, SIZE)[0]
 
 
+@cache
+def moves(name):
+    """What frames of a scene cost."""
+    return frames._moves(scene_named(name))
+
+
 @pytest.mark.parametrize(
     ("name", "rays", "ways", "casts", "cast"),
     [
@@ -40,7 +47,7 @@ def scene_named(name):
     ],
 )
 def test_a_frame_follows_and_casts_no_more_rays(name, rays, ways, casts, cast):
-    first = frames._moves(scene_named(name))["first"]
+    first = moves(name)["first"]
     assert first["rays"] < rays * first["covered"]
     assert first["ways"] < ways * first["covered"]
     assert first["counts"]["casts"] <= casts
@@ -48,7 +55,7 @@ def test_a_frame_follows_and_casts_no_more_rays(name, rays, ways, casts, cast):
 
 
 def test_what_moves_beside_the_glass_costs_casts_only():
-    found = frames._moves(scene_named("eraser"))
+    found = moves("eraser")
     assert found["thing moved"]["counts"]["exit_rays"] < 0.1 * found["first"]["counts"]["exit_rays"]
     assert found["thing moved"]["counts"]["cast_rays"] < 24_000
 
