@@ -29,7 +29,7 @@ def _white_stripe():
 def test_no_dispersion_is_the_same_to_the_bit(tmp_path, shading, surface):
     scenes.camera()
     scenes.striped_wall()
-    scene = scenes.settings(64, 48, surface=surface, shading=shading)
+    scene = scenes.settings(64, 48, surface=surface, shading=shading, min_weight=0.1)
     obj = scenes.glass(shape="CYLINDER")
     before = scenes.picture(scene, tmp_path)
     write_input(glass_modifier(obj), "Abbe Number", 30.0)
