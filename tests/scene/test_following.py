@@ -193,6 +193,7 @@ CHANGES = [value for name, value in list(globals().items()) if getattr(value, "_
 CHANGES = [c for c in CHANGES if c.__code__.co_varnames[:3] == ("scene", "ball", "glass")]
 
 
+@pytest.mark.in_turn(4)
 @pytest.mark.parametrize("change", CHANGES, ids=lambda f: f.__name__.strip("_"))
 def test_every_change_is_followed(change):
     scene, ball, glass = _scene()
@@ -252,9 +253,9 @@ def test_memory_stays_flat_over_a_long_playback():
     try:
         play()
         first = tracemalloc.get_traced_memory()[0]
-        for _ in range(3):
+        for _ in range(2):
             play()
-        # An array of the ball's vertices kept from every frame would be 1.6 MB; Python's and
+        # An array of the ball's vertices kept from every frame would be 1.1 MB; Python's and
         # NumPy's own lists of free blocks take some hundred bytes a frame.
         assert tracemalloc.get_traced_memory()[0] < first + 400_000
     finally:

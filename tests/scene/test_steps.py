@@ -14,7 +14,7 @@ def _scene():
     for x in (-0.02, 0.02):
         bpy.ops.mesh.primitive_cube_add(size=0.02, location=(x, 0.1, 0.06))
     scenes.glass(shape="CYLINDER")
-    scene = scenes.settings(80, 60)
+    scene = scenes.settings(80, 60, min_weight=0.1)
     door.prepare(scene, scenes.depsgraph())
     return scene
 
