@@ -189,6 +189,8 @@ class _View:
 _shown: set[int] = set()
 _views: dict[int, _View] = {}
 _handles: list = []
+_marked = False
+"""Whether glasses leave their edges only."""
 
 
 def is_shown(space: bpy.types.SpaceView3D) -> bool:
@@ -249,8 +251,14 @@ def doubt() -> None:
 
 
 def mark_glasses(on: bool | None = None) -> None:
-    """Have every glass leave its edges only, or its faces back; not to be called while drawing."""
-    on = bool(_shown) if on is None else on
+    """Have every glass leave its edges only, or its faces back; not to be called while drawing.
+
+    Views that show no refracted picture have but these: edges, only while another that does is on
+    screen.
+    """
+    global _marked
+    on = _is_any_on_screen() if on is None else on
+    _marked = on
     for obj in bpy.data.objects:
         modifier = glass_modifier(obj) if obj.type == "MESH" and obj.is_editable else None
         if modifier is not None and has_input(modifier, EDGES):
@@ -266,7 +274,11 @@ def _before_view() -> None:
     import gpu
 
     context = bpy.context
-    if context.space_data.as_pointer() in _shown and not is_capturing():
+    if is_capturing():
+        return
+    if _marked != _is_any_on_screen():
+        _soon(_mark_shown)
+    if context.space_data.as_pointer() in _shown:
         view = _views.setdefault(context.region.as_pointer(), _View())
         view.framebuffer = gpu.state.active_framebuffer_get()
         view.began = time.perf_counter()
@@ -855,6 +867,11 @@ def _open_regions():
                 for region in area.regions:
                     if region.type == "WINDOW":
                         yield window, area.spaces.active, region
+
+
+def _is_any_on_screen() -> bool:
+    """Whether a view that asks is on screen, not in another workspace alone."""
+    return any(is_shown(space) for _, space, _ in _open_regions())
 
 
 def _drop_views() -> None:

@@ -389,12 +389,13 @@ def test_undo_and_redo_find_only_what_they_know(scene):
 
 
 def test_a_file_holds_nothing_that_can_be_made_again(scene, tmp_path):
-    glass = bpy.context.object
+    glass, users = bpy.context.object, scene.users
     _prepare(scene)
     made = sorted(_own_blocks("scenes"))
     path = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    # Here all is as it was.
+    # Here all is as it was. Blender shows the number of users beside the scene's name.
+    assert scene.users == users
     assert sorted(_own_blocks("scenes")) == made
     assert not _shown(glass)
     # Blender lists no file that is open.

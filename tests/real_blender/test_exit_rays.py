@@ -106,9 +106,14 @@ def test_what_begins_on_a_table_meets_it(found):
 def test_behind_a_leaf_is_the_world_where_no_box_is(found):
     """What no view shows to its end looked like what is beside the edge that hides it: in leaves
     before an HDRI most of a carafe was table."""
-    open_, boxed = found["world"]
+    open_, boxed, _ = found["world"]
     assert open_ == 1.0
     assert boxed < 0.2
+
+
+def test_behind_a_leaf_is_the_wall_beside_it_where_that_goes_on(found):
+    """In Solid shading it was the leaf's back, or the world."""
+    assert found["world"][2] == 1.0
 
 
 def test_of_two_edges_the_nearer_one_is_drawn(found):

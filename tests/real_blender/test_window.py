@@ -43,6 +43,11 @@ def test_undo_takes_the_glass_away_and_redo_brings_it_back(found):
     assert "Refractive Glass" in found["objects_after_redo"]
 
 
+def test_views_of_another_workspace_have_the_glass_and_not_its_edges_alone(found):
+    assert not found["edges_in_Modeling"]
+    assert found["edges_in_Layout"]
+
+
 def test_disabled_and_enabled_again(found):
     assert found["disabled"]
     assert found["enabled"]

@@ -44,7 +44,7 @@ def insert_group(
         remove_group(scene)
         node = None
     if node is None:
-        node = _new_group_node(scene, tree)
+        node = _new_group_node(scene, tree, own_scenes[0])
     else:
         # In place, and the former group stays for now: Blender 5.2 crashes where a render that has
         # begun finds a tree or a node freed.
@@ -129,9 +129,11 @@ def as_if_in(own_scene: bpy.types.Scene):
     return bpy.context.temp_override(scene=own_scene)
 
 
-def _new_group_node(scene: bpy.types.Scene, group: bpy.types.NodeTree) -> bpy.types.Node:
+def _new_group_node(
+    scene: bpy.types.Scene, group: bpy.types.NodeTree, own_scene: bpy.types.Scene
+) -> bpy.types.Node:
     """A node of the group behind the Render Layers nodes."""
-    tree = _users_tree(scene) or _plain_tree(scene)
+    tree = _users_tree(scene) or _plain_tree(scene, own_scene)
     first, *others = _render_layers(scene, tree)
     node = _own_node(tree, scene, "CompositorNodeGroup", "group")
     node.node_tree = group
@@ -223,11 +225,11 @@ def _is_plain(tree: bpy.types.NodeTree) -> bool:
     return sorted(nodes) == ["CompositorNodeRLayers", "NodeGroupOutput"]
 
 
-def _plain_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
+def _plain_tree(scene: bpy.types.Scene, own_scene: bpy.types.Scene) -> bpy.types.NodeTree:
     tree = bpy.data.node_groups.new(hidden_name("compositor", scene.name), "CompositorNodeTree")
     tree[TAG] = "compositor"
     tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-    with as_if_in(scene):
+    with as_if_in(own_scene):
         render_layers = tree.nodes.new("CompositorNodeRLayers")
     render_layers.scene = scene
     render_layers.layer = rendered_layer(scene).name

@@ -66,9 +66,38 @@ vec4 sky(vec3 d, int slot)
   return slot >= 0 ? capture_colour(slot, d) : vec4(0.0);
 }
 
+/* Whether a ray meets, within its reach, a flat thing that is shown beside the edge behind which it
+ * went. Of others the box does not tell, and what the ray went behind may be shown there itself. */
+bool meets_shown(vec3 p, vec3 d, float reach)
+{
+  float depth;
+  int slot = int(last_shown.w);
+  if (slot < 0) {
+    return false;
+  }
+  /* Of the same surface as the colour there. */
+  Around shown = around(slot, face_of(slot, last_shown.xyz, depth));
+  vec3 away = last_shown.xyz / (depth * max(dot(shown.parts, shown.near), 1e-9));
+  for (int k = 0; k < int(row(0).w); k++) {
+    int at = int(row(0).z) + THING_ROWS * k;
+    vec3 q = abs(by_rows(at, vec4(capture_at(slot).xyz + away, 1.0)));
+    vec3 room = vec3(length(row(at).xyz), length(row(at + 1).xyz), length(row(at + 2).xyz));
+    bool is_flat = max(room.x, max(room.y, room.z)) > FLAT * min(room.x, min(room.y, room.z));
+    if (is_flat && all(lessThan(q, 1.0 + (THIN + THICK_PART * length(away)) * room)) &&
+        meets_boxes(at, 1, p, d, reach)) {
+      return true;
+    }
+  }
+  return false;
+}
+
 /* What a ray shows of which no view shows the end: the world, or the nearest that is known. */
 vec4 beyond(vec3 o, vec3 d, int slot)
 {
+  float hidden = unseen_ways.y - unseen_ways.x;
+  if (hidden > 0.0 && meets_shown(o + unseen_ways.x * d, d, hidden)) {
+    return capture_colour(int(last_shown.w), last_shown.xyz);
+  }
   vec4 clip = view.to_clip * vec4(d, 0.0);
   if (view.eye.w < 0.5) {
     /* In a parallel view what is far off is seen where the ray leaves the scene. */
@@ -78,7 +107,6 @@ vec4 beyond(vec3 o, vec3 d, int slot)
   if (is_in_picture(clip, pixel) && depth_near(pixel) >= FAR_OFF) {
     return thing_at(pixel);
   }
-  float hidden = unseen_ways.y - unseen_ways.x;
   if (hidden <= 0.0 || !may_meet_any(o + unseen_ways.x * d, d, hidden)) {
     return sky(d, slot);
   }

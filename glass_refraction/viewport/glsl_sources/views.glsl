@@ -9,6 +9,8 @@
 /* Half the side of a box of things, with some room. */
 #define BOX_MARGIN 1.02
 #define CAPTURE_STEPS 32
+/* How much longer than thick the box of a flat thing is, at least. */
+#define FLAT 1e3
 /* Angle between steps, in pixels of a face (which is two wide at a distance of one). */
 #define CAPTURE_STRIDE 5.0
 #define HALVINGS 6

@@ -344,7 +344,7 @@ def met_on_a_table(paint):
 
 def world_behind_a_leaf(paint):
     """Parts of rays that show the world, of those that go behind a leaf: with a box before it, and
-    with one there.
+    with one there. And parts that show the wall that is seen beside it, which stands there.
     """
     random = np.random.default_rng(3)
     origins, through = np.ones((2, 20, 30, 3))
@@ -357,7 +357,11 @@ def world_behind_a_leaf(paint):
     before = np.array(((5, 0, 0, -7), (0, 0.1, 0, 0), (0, 0, 0.1, 0)))
     there = np.array(((0.1, 0, 0, -1.3), (0, 0.1, 0, -0.5), (0, 0, 0.1, 0)))
     shown = (passes.behind_a_leaf(paint, origins, along, [leaf, box]) for box in (before, there))
-    return [float((one[..., 1] > 0.9).mean()) for one in shown]
+    wall = np.array(((1e6, 0, 0, -4e6), (0, 0.01, 0, 0), (0, 0, 0.01, 0)))
+    beside = passes.behind_a_leaf(paint, origins, along, [leaf, wall], 4.0)
+    return [float((one[..., 1] > 0.9).mean()) for one in shown] + [
+        float((beside[..., 2] > 0.9).mean())
+    ]
 
 
 def nearest_edges(paint):

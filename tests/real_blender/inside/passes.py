@@ -286,11 +286,12 @@ void main()
 
 
 def behind_a_leaf(
-    paint, origins: np.ndarray, directions: np.ndarray, boxes: list[np.ndarray]
+    paint, origins: np.ndarray, directions: np.ndarray, boxes: list[np.ndarray], wall: float = 0.0
 ) -> np.ndarray:
     """(rows, columns, 4) what rays show that no view sees to their end: green is the world alone.
 
     A capture at the origin shows a flat leaf at x = 2, where y > 0. ``boxes``: see `marched`.
+    ``wall``: x of a blue wall beside the leaf, in Solid shading; 0: there is none.
     """
     side, faces = 8, _constant(paint, "capture", "FACES") + 1
     world = _constant(paint, "eye", "WORLD")
@@ -301,14 +302,19 @@ def behind_a_leaf(
     reach[:side, side // 2 : side] = 2.0
     colours = np.zeros((*reach.shape, 4), np.float32)
     colours[:side, :, 0] = colours[side:, :, 1] = 1.0
+    if wall:
+        reach[:side, : side // 2] = wall
+        colours[:side, : side // 2] = 0.0, 0.0, 1.0, 0.0
     inputs = {
         "reach_tx": paint._texture(reach, "R32F"),
         "capture_tx": paint._texture(colours, "RGBA32F"),
     }
-    return _looked_up(paint, BEHIND, block, origins, directions, inputs, boxes)
+    return _looked_up(paint, BEHIND, block, origins, directions, inputs, boxes, bool(wall))
 
 
-def _looked_up(paint, text: str, block, origins, directions, inputs: dict, boxes: list):
+def _looked_up(
+    paint, text: str, block, origins, directions, inputs: dict, boxes: list, solid: bool = False
+):
     """(rows, columns, 4) that a text gives for rays; ``boxes`` of all things, none: who knows."""
     rows, columns, _ = origins.shape
     for name, values in (("origin_tx", origins), ("along_tx", directions)):
@@ -332,6 +338,8 @@ def _looked_up(paint, text: str, block, origins, directions, inputs: dict, boxes
     none = paint._texture(np.zeros((3, 3, 4), np.float32), "RGBA32F")
     _, target = paint._target((columns, rows), "RGBA32F")
     with paint.filling(target, (columns, rows), shader):
+        if solid:
+            shader.uniform_float("backdrop", (0.0, 0.0, 0.0, 1.0))
         shader.uniform_block("glasses", glasses)
         shader.uniform_block("view", view)
         for name in (*between["samplers"], "origin_tx", "along_tx"):

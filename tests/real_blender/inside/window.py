@@ -115,6 +115,13 @@ def steps():
     yield 0.2
     result["objects_after_redo"] = sorted(o.name for o in bpy.context.scene.objects)
 
+    modifier = bpy.context.scene.objects["Refractive Glass"].modifiers[0]
+    read = sys.modules[f"{MODULE}.glass_refraction.scene.read.modifier_inputs"].read_input
+    for workspace, on in (("Modeling", False), ("Layout", True)):
+        view_3d()["window"].workspace = bpy.data.workspaces[workspace]
+        yield from until(lambda on=on: read(modifier, "Edges in Viewport") == on, 10)
+        result[f"edges_in_{workspace}"] = read(modifier, "Edges in Viewport")
+
     addon_utils.disable(MODULE)
     yield 0.2
     result["disabled"] = not hasattr(bpy.types.Scene, "refractive_glass")
