@@ -78,14 +78,13 @@ class Viewpoint:
     lens: Lens | None = None
 
     def stamp(self) -> tuple:
-        """What pictures depend on."""
+        """What the place of things in the picture depends on: the lens only blurs them."""
         return (
             self.to_camera.tobytes(),
             self.projection.tobytes(),
             self.size,
             self.window,
             self.is_parallel,
-            self.lens,
         )
 
     @property
