@@ -344,8 +344,8 @@ def _followed(
         glints[lit] * coarse.ways.colour[lit],
         np.where(blur > LENS[0][1], blur, 0.0).reshape(view.size[::-1]),
     )
-    lit = lit[drawn[lit_pixel]]
-    lit_pixel = _window_pixels(lit_pixel[drawn[lit_pixel]], view)
+    inside = drawn[lit_pixel]
+    lit, lit_pixel = lit[inside], _window_pixels(lit_pixel[inside], view)
     tell(FOLLOWING)
     finer = FinerRays(coarse, ends, sigma, follower, blur)
     centres = (coarse, shown, beside)
