@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, wraps
 
 import bpy
 from bpy.app.handlers import persistent
@@ -177,6 +177,7 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         if depsgraph.mode == "RENDER":
             tell("rendering what else is seen in the glass")
             if own(scene, true.CAPTURE) or own(scene, true.SKY):
+                _computed(user_scene_of(scene), door.finish)
                 true.ease_world(depsgraph)
         if own(scene, "displaced") and depsgraph.mode == "RENDER" and scene.render.use_motion_blur:
             user = user_scene_of(scene)
@@ -187,8 +188,15 @@ def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
     if depsgraph.mode != "RENDER":
         request_update(scene)
         return
+    _computed(scene.original, partial(door.update, depsgraph=depsgraph))
+
+
+def _computed(scene: bpy.types.Scene | None, compute: Callable) -> None:
+    """Compute something for a scene of the user's; what goes wrong ends in its status."""
+    if scene is None:
+        return
     try:
-        door.update(scene.original, depsgraph)
+        compute(scene)
     except Stopped:
         # Blender knows of Esc as well and ends the render.
         door.status(scene).problems = [STOPPED]

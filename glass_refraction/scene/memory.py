@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .rays.caster import Casters
     from .rays.follow import Kept
     from .rays.frame import ViewReport
+    from .rays.true import Exposure
     from .read.cutouts import Masks
     from .read.glasses import Glass
     from .read.sources import Snapshot
@@ -80,6 +81,7 @@ class Memory:
     probes : (pane, path) -> rays of the path.
     hulls : glass -> stamp of its outline.
     centre : the rendered frame's own time, once it is known; motion blur asks for others round it.
+    exposure : that frame in True shading, while other moments of its shutter are awaited.
     moments : time -> where the vertices of each copy are then.
     paths : glass and colour -> the paths that are kept.
     casters : of rays, which know what stands in their targets.
@@ -99,6 +101,7 @@ class Memory:
     hulls: dict[int, tuple | None] = field(default_factory=dict)
     still: tuple | None = None
     centre: float | None = None
+    exposure: Exposure | None = None
     moments: dict[float, dict[CopyKey, np.ndarray]] = field(default_factory=dict)
     paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
     standing: list[str] = field(default_factory=list)

@@ -29,6 +29,7 @@ from .memory import Status, Step, counters, forget, memory_of, status
 from .names import RefractiveGlassError
 from .progress import tell
 from .rays import true
+from .rays.true import finish
 from .read.glasses import (
     all_glasses,
     glass_modifier,
@@ -47,6 +48,7 @@ from .vertices import displaced
 __all__ = [
     "Status",
     "counters",
+    "finish",
     "finished",
     "forget",
     "free_leftovers",

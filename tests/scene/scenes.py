@@ -143,6 +143,17 @@ def load(path):
     return pixels.reshape(height, width, 4)
 
 
+def animation(scene, folder, frames):
+    """Render a range of frames as ``-a`` does; frame -> linear (H, W, 4)."""
+    image = scene.render.image_settings
+    image.media_type = "IMAGE"
+    image.file_format, image.color_depth, image.color_mode = "OPEN_EXR", "32", "RGBA"
+    scene.render.filepath = str(folder / "frame_####.exr")
+    scene.frame_start, scene.frame_end = frames[0], frames[-1]
+    bpy.ops.render.render(animation=True, scene=scene.name)
+    return {frame: load(folder / f"frame_{frame:04}.exr") for frame in frames}
+
+
 def key(owner, path, values):
     """Keyframes of a property, held from one to the next."""
     target, name = owner, path
@@ -152,7 +163,12 @@ def key(owner, path, values):
     for frame, value in zip(FRAMES, values, strict=True):
         setattr(target, name, value)
         owner.keyframe_insert(path, frame=frame)
-    _hold(owner)
+    _interpolate(owner, "CONSTANT")
+
+
+def linear(owner):
+    """Let all that is keyed go at an even pace from key to key."""
+    _interpolate(owner, "LINEAR")
 
 
 def key_input(obj, name, values):
@@ -165,12 +181,12 @@ def key_input(obj, name, values):
         else:
             setattr(holder, prop, value)
         obj.keyframe_insert(data_path(modifier, name), frame=frame)
-    _hold(obj)
+    _interpolate(obj, "CONSTANT")
 
 
-def _hold(owner):
+def _interpolate(owner, how):
     for layer in owner.animation_data.action.layers:
         for bag in layer.strips[0].channelbags:
             for curve in bag.fcurves:
                 for point in curve.keyframe_points:
-                    point.interpolation = "CONSTANT"
+                    point.interpolation = how

@@ -9,14 +9,6 @@ import scenes
 from glass_refraction.scene import update as door
 
 
-def _linear(obj):
-    for layer in obj.animation_data.action.layers:
-        for bag in layer.strips[0].channelbags:
-            for curve in bag.fcurves:
-                for key in curve.keyframe_points:
-                    key.interpolation = "LINEAR"
-
-
 def _scene(width=96, height=72, **settings):
     scenes.camera()
     scenes.striped_wall()
@@ -26,7 +18,7 @@ def _scene(width=96, height=72, **settings):
     for frame, x in ((1, -0.08), (5, 0.08)):
         cube.location.x = x
         cube.keyframe_insert("location", frame=frame)
-    _linear(cube)
+    scenes.linear(cube)
     settings.setdefault("surface", "REFRACTION")
     ior = settings.pop("ior", 1.5)
     scenes.glass(shape="CYLINDER", ior=ior)
@@ -34,17 +26,6 @@ def _scene(width=96, height=72, **settings):
     scene = scenes.settings(width, height, **settings)
     scene.frame_start, scene.frame_end = 1, 5
     return scene, cube, glass
-
-
-def _animation(scene, folder, frames):
-    """Render a range of frames as ``-a`` does; frame -> linear (H, W, 4)."""
-    image = scene.render.image_settings
-    image.media_type = "IMAGE"
-    image.file_format, image.color_depth, image.color_mode = "OPEN_EXR", "32", "RGBA"
-    scene.render.filepath = str(folder / "frame_####.exr")
-    scene.frame_start, scene.frame_end = frames[0], frames[-1]
-    bpy.ops.render.render(animation=True, scene=scene.name)
-    return {frame: scenes.load(folder / f"frame_{frame:04}.exr") for frame in frames}
 
 
 @pytest.mark.parametrize("persistent", [False, True])
@@ -59,7 +40,7 @@ def test_a_frame_is_the_same_in_any_order(tmp_path, persistent):
     scene.camera.location.x = 0.1
     scene.camera.keyframe_insert("location", frame=5)
     (tmp_path / "run").mkdir()
-    run = _animation(scene, tmp_path / "run", [1, 2, 3, 4])
+    run = scenes.animation(scene, tmp_path / "run", [1, 2, 3, 4])
     assert np.abs(run[1] - run[4]).max() > 0.1
     for frame in (4, 2, 3):
         door.forget()
@@ -68,7 +49,7 @@ def test_a_frame_is_the_same_in_any_order(tmp_path, persistent):
         np.testing.assert_array_equal(run[frame], alone)
     # A sub-range that starts elsewhere.
     (tmp_path / "sub").mkdir()
-    sub = _animation(scene, tmp_path / "sub", [3, 4])
+    sub = scenes.animation(scene, tmp_path / "sub", [3, 4])
     for frame in (3, 4):
         np.testing.assert_array_equal(run[frame], sub[frame])
 

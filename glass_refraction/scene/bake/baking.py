@@ -18,7 +18,7 @@ import bpy
 from .. import update as door
 from ..build.own_scenes import find_own_scenes
 from ..names import RefractiveGlassError
-from ..read.viewpoint import render_size
+from ..read.viewpoint import render_size, shutter_times
 from .files import (
     Contents,
     GeometryWriter,
@@ -343,6 +343,7 @@ class Baking:
             for time in _moments(scene, frame):
                 # The handler of frame changes hands it on.
                 frame_set(int(time // 1), time % 1)
+            door.finish(scene)
         finally:
             under_way.add(scene.session_uid)
 
@@ -427,9 +428,8 @@ def _moments(scene: bpy.types.Scene, frame: int) -> list[float]:
     render = scene.render
     if not render.use_motion_blur:
         return []
-    shutter = render.motion_blur_shutter
-    start = {"START": 0.0, "CENTER": -0.5, "END": -1.0}[render.motion_blur_position] * shutter
-    times = {frame + start + part * shutter for part in (0.0, 0.5, 1.0)}
+    opens, closes = shutter_times(scene, frame)
+    times = {opens + part * (closes - opens) for part in (0.0, 0.5, 1.0)}
     return sorted(time for time in times if time >= 0 and time != frame)
 
 

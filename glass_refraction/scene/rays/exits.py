@@ -36,12 +36,11 @@ MOST_STRETCHED_PX = 12.0
 MOST_UNEVEN = 0.3
 """Of a way's light: from one pixel to the next it may change by so much where the centre's stands
 for all of the pixel. Near total reflection it changes steeply."""
-LENS = ((12, 1.5), (28, 4.0))
-"""Rays of a pixel where a lens blurs a glass, by the radius of the blur, pixels. Where it
-is less, one point of the lens shows it as well."""
-MOST_OF_LENS = 3_000_000
-"""Rays from all over a lens in one picture, of half a kilobyte each: pixels of large ones have
-fewer."""
+BLURRED = ((12, 1.5), (28, 4.0))
+"""Rays of a pixel where a lens or motion blurs a glass, by the radius of the blur, pixels. Where it
+is less, one point of the lens and one moment show it as well."""
+MOST_BLURRED = 3_000_000
+"""Such rays in one picture, of half a kilobyte each: pixels of large ones have fewer."""
 FAINTER = 4.0
 """Times its own light: a way takes as many places as that asks for, its pixel's at most."""
 FILTER_SIGMA = {"CYCLES": 0.278, "BLENDER_EEVEE": 0.281, "BLENDER_WORKBENCH": 1.0}
@@ -130,9 +129,9 @@ class FinerRays:
     Parameters
     ----------
     coarse : one ray a pixel. ends : of its ways.
-    blur : (width · height,) pixels, the radius by which the lens blurs what is in each. Where it is
-        too large for one point of the lens, rays come from all over it, and of the centre's ways
-        only those that carry little stay.
+    blur : (width · height,) pixels, the radius by which lens and motion blur what is in each.
+        Where it is too large for one point of the lens and one moment, rays come from all over the
+        lens and all the time, and of the centre's ways only those that carry little stay.
     """
 
     def __init__(
@@ -152,11 +151,11 @@ class FinerRays:
         most = ends.pixel.copy()
         np.maximum.at(most, pixel, ends.stretched)
         # What ends beside stretched ways takes as many rays as these take places.
-        self._of_lens = blur > LENS[0][1]
-        self._rough = self._of_lens | ((most > self._tiers[0][1]) & (ends.pixel > STEADY))
+        self._blurred = blur > BLURRED[0][1]
+        self._rough = self._blurred | ((most > self._tiers[0][1]) & (ends.pixel > STEADY))
         self._count = _places(np.where(self._rough, most, 0.0), self._tiers)
-        self._count[self._of_lens] = lens_places(blur[self._of_lens])
-        settled = (ends.way <= STEADY) & ~self._of_lens[pixel]
+        self._count[self._blurred] = blurred_places(blur[self._blurred])
+        settled = (ends.way <= STEADY) & ~self._blurred[pixel]
         settled |= coarse.ways.weight < follower.fine_weight
         # The facets of rough glass differ from ray to ray: the centre's is one among all.
         settled |= follower.rough
@@ -174,8 +173,10 @@ class FinerRays:
             self.share /= (self._count + (self._count > 1))[self._known]
         # Of no ways at all NumPy counts in whole numbers.
         light = self.share * coarse.ways.weight[self.kept]
-        self._brought = np.bincount(self._known, light, len(most)).astype(float)
-        self._wanted = self._brought.copy()
+        self._kept_light = np.bincount(self._known, light, len(most)).astype(float)
+        self._brought = self._kept_light.copy()
+        # What stays is left out where more rays are followed, and counts with what they lose.
+        self._wanted = np.where(self._rough & (not follower.rough), 0.0, self._brought)
         self._stays = np.zeros(len(most))
 
     def _offsets(self, count: np.ndarray) -> np.ndarray:
@@ -194,23 +195,31 @@ class FinerRays:
         """
         sets = []
         for count, _ in self._tiers:
-            pixels = np.flatnonzero((self._count == count) & ~self._of_lens)
+            pixels = np.flatnonzero((self._count == count) & ~self._blurred)
             sets.append((pixels, self._sigma * _lattice(count)))
-        return self._bundles(sets)
+        return self._bundles(self._follower, sets)
 
-    def lens_parts(self) -> Iterator[PictureRays]:
-        """The same of rays from places all over the lens."""
+    def blurred_parts(self, follower: Follower, piece: TimePiece) -> Iterator[PictureRays]:
+        """The same of rays from places all over the lens, of some of the time.
+
+        ``follower``: has all where it stands then.
+        """
         sets = []
         for count in LATTICE:
-            pixels = np.flatnonzero((self._count == count) & self._of_lens)
-            if len(pixels):
-                places = self._sigma * _lattice(count), _square(count)
-                sets.append((pixels, np.concatenate(places, axis=1)))
-        return self._bundles(sets)
+            pixels = np.flatnonzero((self._count == count) & self._blurred)
+            pixels = pixels[piece.has(pixels)]
+            times = _times(count)
+            rows = np.flatnonzero(piece.holds(times))
+            if len(pixels) and len(rows):
+                parts = self._sigma * _lattice(count), _square(count), times[:, None]
+                sets.append((pixels, np.concatenate(parts, axis=1)[rows]))
+        return self._bundles(follower, sets)
 
-    def _bundles(self, sets: list[tuple[np.ndarray, np.ndarray]]) -> Iterator[PictureRays]:
+    def _bundles(
+        self, follower: Follower, sets: list[tuple[np.ndarray, np.ndarray]]
+    ) -> Iterator[PictureRays]:
         ready: list[PictureRays] = []
-        for block in self._blocks(sets):
+        for block in self._blocks(follower, sets):
             ready.append(block)
             if sum(len(part.ways) for part in ready) >= TOGETHER:
                 yield together(ready)
@@ -218,41 +227,71 @@ class FinerRays:
         if ready:
             yield together(ready)
 
-    def _blocks(self, sets: list[tuple[np.ndarray, np.ndarray]]) -> Iterator[PictureRays]:
-        for some, places, ways, lost, dark in self._follower.blocks(sets, self._codes):
-            count = len(places)
-            one = 1.0 / (count + self._follower.rough)
+    def _blocks(
+        self, follower: Follower, sets: list[tuple[np.ndarray, np.ndarray]]
+    ) -> Iterator[PictureRays]:
+        for some, places, ways, lost, dark in follower.blocks(sets, self._codes):
+            count, all_rays = len(places), self._count[some]
+            one = 1.0 / (all_rays + follower.rough)
             light = np.bincount(ways.ray, ways.weight, len(lost))
             blank = np.flatnonzero(light + lost + dark == 0.0)
             light, left, dark = (
                 one * p.reshape(-1, count).sum(axis=1) for p in (light, lost, dark)
             )
-            self._stays[some] = dark
-            centre = self._brought[some] if self._follower.rough else 0.0
+            self._stays[some] += dark
             self._brought[some] += light
-            self._wanted[some] = centre + light + left
-            pixel = np.repeat(some, count)
-            ways = ways.scaled(self._factor(some)[ways.ray // count])
+            self._wanted[some] += light + left
+            stay = count / all_rays * self._kept_light[some]
+            factor = _factor(stay + light, stay * follower.rough + light + left)
+            pixel, share = np.repeat(some, count), np.repeat(one, count)
+            ways = ways.scaled(factor[ways.ray // count])
             # The picture of such a pixel also shows what is behind the glass, unrefracted.
-            ways = joined(Ways, (ways, self._follower.before(some, places, blank)))
-            share = np.full(len(lost), one)
+            ways = joined(Ways, (ways, follower.before(some, places, blank)))
             yield PictureRays(pixel, share, np.zeros(len(lost)), ways)
-
-    def _factor(self, pixels) -> np.ndarray:
-        """By what the ways of pixels are multiplied so that they bring all their light."""
-        most = np.maximum(self._brought[pixels], ENOUGH * self._wanted[pixels])
-        return self._wanted[pixels] / np.maximum(most, LEAST_LIGHT)
 
     @property
     def factor(self) -> np.ndarray:
         """(K',) of the ways that stay, when all further rays are known."""
-        return self._factor(self._known)
+        return _factor(self._brought, self._wanted)[self._known]
 
     @property
     def dark(self) -> np.ndarray:
         """(R,) what is dark in the pixels of `coarse` then."""
-        dark = self._stays + _left(self._wanted, self._brought * self._factor(slice(None)))
+        factor = _factor(self._brought, self._wanted)
+        dark = self._stays + _left(self._wanted, self._brought * factor)
         return np.where(self._rough[self.pixel], dark[self.pixel], self._dark)
+
+
+def _factor(brought: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """By what pixels' ways that bring so much light are multiplied to bring all that is wanted."""
+    return wanted / np.maximum(np.maximum(brought, ENOUGH * wanted), LEAST_LIGHT)
+
+
+@dataclass(frozen=True)
+class TimePiece:
+    """Some of the time that the shutter is open, for some of the pixels.
+
+    Pixels side by side take turns, so that there are as many moments as ``parts`` times ``turns``,
+    of which each pixel has one in each part.
+    """
+
+    number: int = 0
+    parts: int = 1
+    turns: int = 1
+
+    @property
+    def middle(self) -> float:
+        """Part of the time that has gone by in its middle."""
+        return (self.number + 0.5) / (self.parts * self.turns)
+
+    def has(self, pixels: np.ndarray) -> np.ndarray:
+        """(N,) which pixels' turn it is."""
+        turn = (pixels * SPREAD[0] % 1.0 * self.turns).astype(int)
+        return turn == self.number % self.turns
+
+    def holds(self, times: np.ndarray) -> np.ndarray:
+        """(P,) which times, from 0 to 1, are in its part."""
+        return (times * self.parts).astype(int) == self.number // self.turns
 
 
 def _places(value: np.ndarray, tiers: tuple[tuple[int, float], ...]) -> np.ndarray:
@@ -263,13 +302,13 @@ def _places(value: np.ndarray, tiers: tuple[tuple[int, float], ...]) -> np.ndarr
     return count
 
 
-def lens_places(blur: np.ndarray) -> np.ndarray:
+def blurred_places(blur: np.ndarray) -> np.ndarray:
     """(N,) rays of pixels, by the radii (N,) of their blur, pixels; in all as many as there may be,
     if not the least that pixels have."""
-    count = _places(blur, LENS)
+    count = _places(blur, BLURRED)
     for most in sorted(LATTICE, reverse=True):
         count = np.minimum(count, most)
-        if count.sum() <= MOST_OF_LENS:
+        if count.sum() <= MOST_BLURRED:
             break
     return count
 
@@ -304,6 +343,20 @@ def _square(count: int) -> np.ndarray:
     one opposite, so that what is blurred stays where it is."""
     half = np.arange(count // 2)[:, None] * SPREAD
     return np.stack((half, half + np.array((0.0, 0.5))), axis=1).reshape(-1, 2) % 1.0
+
+
+def _times(count: int) -> np.ndarray:
+    """(count,) times from 0 to 1, the middles of as many equal parts.
+
+    They are in another order than the places of `_lattice` along either axis: else an edge that
+    moves would look like one that is askew.
+    """
+    first = np.arange(1, count + 1)
+    return (first * TIMES[count] % (count + 1) - 0.5) / count
+
+
+TIMES = {4: 3, 6: 2, 12: 3, 28: 8}
+"""Steps of the times, as of `LATTICE`."""
 
 
 def bell_means(count: int) -> np.ndarray:

@@ -65,7 +65,7 @@ class Passed(Columns):
 
 
 class Part(NamedTuple):
-    """Pixels (N,), places (P, 2 or 4) of rays in each, the ways of these, and parts (N · P,) of
+    """Pixels (N,), places (P, 2 or 5) of rays in each, the ways of these, and parts (N · P,) of
     their light: what was not followed, and what stays in the glasses."""
 
     pixels: np.ndarray
@@ -228,6 +228,7 @@ class Follower:
     min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
     brightest : light of what shines most, over that of a white pixel; 1 at least.
     through : (T,) bool, which triangles are seen through the glasses; None: all.
+    shots : where a moving camera is while the shutter is open, at even intervals; none: it rests.
     """
 
     view: RadianceView
@@ -244,6 +245,7 @@ class Follower:
     kept: Kept
     brightest: float = 1.0
     through: np.ndarray | None = None
+    shots: tuple[RadianceView, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = self.hull
@@ -281,8 +283,9 @@ class Follower:
     ) -> Iterator[Part]:
         """Ways of rays through places (P, 2), from its centre, of each pixel (N,), numbers rising.
 
-        Places (P, 4) tell where in the lens as well, in a square of 1 that is shifted from pixel to
-        pixel: what few rays miss is noise then, finer than any pattern.
+        Places (P, 5) tell where in the lens as well, in a square of 1, and when while the shutter
+        is open, from 0 to 1. Both are shifted from pixel to pixel: what few rays miss is noise
+        then, finer than any pattern.
 
         Rays that meet no glass first have no way. All sets are followed together: rays end after
         many steps, and a step of few rays takes hardly less time than one of some more.
@@ -333,10 +336,16 @@ class Follower:
         place = np.stack((x, y), axis=1) + 0.5 + offset[:, :2]
         if places.shape[1] == 2:
             origins, directions = self.view.rays(place)
-        else:
-            shift = x[:, None] * SPREAD + y[:, None] * SPREAD[::-1]
-            origins, directions = self.view.lens_rays(place, (offset[:, 2:] + shift) % 1.0)
-        return origins, np.array(directions)
+            return origins, np.array(directions)
+        shift = x[:, None] * SPREAD + y[:, None] * SPREAD[::-1]
+        unit, shots = (offset[:, 2:4] + shift) % 1.0, self.shots or (self.view,)
+        time = offset[:, 4] + (shift.sum(axis=1) % 1.0 - 0.5) / len(places)
+        shot = np.clip((time * len(shots)).astype(int), 0, len(shots) - 1)
+        origins, directions = np.empty((2, len(place), 3))
+        for number in np.unique(shot):
+            rows = np.flatnonzero(shot == number)
+            origins[rows], directions[rows] = shots[number].lens_rays(place[rows], unit[rows])
+        return origins, directions
 
     def _traced(self, pieces: Sequence[_Piece], least: float, keep: bool) -> list[Block]:
         """What the new rays of pieces do, up to the things that they meet if these reach among the

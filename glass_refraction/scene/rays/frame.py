@@ -6,27 +6,25 @@ It reads nothing of Blender's and writes nothing: :mod:`true` does.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from ... import optics
-from ..light.light import KeptLight, LightSettings, light_maps
+from ..light.light import KeptLight, light_maps
 from ..progress import tell
-from ..read.glasses import Glass, as_bodies
-from ..read.mesh_glasses import MeshGlass
 from ..read.viewpoint import Viewpoint
+from .blur import blurred_glasses, blurred_parts, blurred_things
 from .caster import Casters
 from .columns import joined
 from .curtain import curtain, looked_up
 from .edges import off_edges
 from .exits import (
-    LENS,
-    MARGIN_PX,
+    BLURRED,
     FinerRays,
+    Neighbours,
+    PictureRays,
     between,
     centre_rays,
     ending,
@@ -35,9 +33,8 @@ from .exits import (
     neighbours,
     spacing,
 )
-from .follow import CONTACT, Band, Follower, Kept
+from .follow import Follower, Kept
 from .hits import (
-    CAPTURE_WORTH,
     KNOWN,
     UNSEEN,
     Scene,
@@ -51,18 +48,15 @@ from .hits import (
     show,
 )
 from .looks import Clear
-from .meshes import GlassMeshes
 from .mirrors import mirrors_of, veils_of
 from .polish import amendments, polished
-from .radiance import Clamp, Lookups, stand_ins
+from .radiance import Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
-from .sky import Sky
+from .stage import FrameInput, Stage, corners_of, shining, staged
 from .suns import out_of_focus, sun_light
 from .things import Things
-from .views import RadianceView, direct_view
+from .views import RadianceView
 
-BAND_COLOURS = {"": (1.0, 1.0, 1.0), "red": (1.0, 0, 0), "green": (0, 1.0, 0), "blue": (0, 0, 1.0)}
-"""What light of each band brings to a pixel's colours."""
 NEAREST = 1e-3
 """Part of the glasses' size from where captures see at least."""
 FAR, FARTHER = 1e3, 1.1
@@ -73,50 +67,10 @@ round it. A view through so large a lens shows what lies between them."""
 NO_CURTAIN = np.zeros((0, 3)), np.zeros((0, 4), int)
 NOISIEST, MOST_NOISE = 2.0, 0.7
 """Variance of what a view shows, over that of what the direct picture shows: see `_worth`."""
+ROOMY = 2
+"""Captures from which on a blurred glass's twin view has room."""
 FOLLOWING = "following light through the glass"
 """What users are told meanwhile."""
-
-
-@dataclass(frozen=True, eq=False)
-class FrameInput:
-    """All that a frame's picture depends on.
-
-    Attributes
-    ----------
-    glasses : those that can be computed. things, sky : what rays meet beside them.
-    view : the camera. near, far : its clipping, metres. region : pixels that are rendered.
-    aspect : height of a pixel over its width.
-    engine, filter_size : of the user's render. samples : a pixel, of the direct picture.
-    captures : captures at most. min_weight : part of a ray's light that ways must carry.
-    fresnel : surfaces mirror and refract; else they only refract.
-    clamp : of the light of lamps and of the sky.
-    seen_through : names of what is seen through the glasses; None: all.
-    exposure : by what the engine multiplies radiance in its pictures.
-    capture_worth : see :class:`hits.Scene`.
-    light : of lamps through the glasses; None: they light all as though there were none.
-    mirrors : the engine has things mirrored in others.
-    """
-
-    glasses: tuple[Glass, ...]
-    things: Things
-    sky: Sky
-    view: Viewpoint
-    near: float
-    far: float
-    region: tuple[int, int, int, int]
-    aspect: float
-    engine: str
-    filter_size: float
-    samples: int
-    captures: int
-    min_weight: float
-    fresnel: bool
-    clamp: Clamp
-    seen_through: frozenset[str] | None = None
-    exposure: float = 1.0
-    capture_worth: float = CAPTURE_WORTH
-    light: LightSettings | None = None
-    mirrors: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,6 +79,30 @@ class Room:
 
     captures: int
     skies: int
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A frame's views.
+
+    Attributes
+    ----------
+    views : the direct picture and those beside it, by number; None where fewer are needed.
+    twin : number of the one that shows blurred rays what the direct picture shows, through a part
+        of the lens and at the frame's own time; it has no place in ``views``. None: there is none.
+    """
+
+    views: tuple[RadianceView | None, ...]
+    twin: int | None = None
+
+    def with_twin(self, direct: RadianceView) -> Views:
+        """All views."""
+        if self.twin is None:
+            return self.views
+        lens = direct.lens and replace(direct.lens, radius=PART_OF_LENS * direct.lens.radius)
+        views = list(self.views)
+        views[self.twin] = replace(direct, lens=lens)
+        return views
 
 
 @dataclass(frozen=True)
@@ -142,7 +120,7 @@ class FrameResult:
 
     Attributes
     ----------
-    cameras : of each view beside the direct picture, None where it is not needed.
+    placed : the views. cameras : of each beside the direct picture, None where it is not needed.
     samples : a pixel, of each of these. far : metres, how far each must see.
     curtains : of each, see :func:`curtain.curtain`.
     views : the pictures of each view's samples, the direct picture's first.
@@ -155,6 +133,7 @@ class FrameResult:
     rays : that bring any light. ways : of these. covered : pixels that any glass covers.
     """
 
+    placed: Placed
     cameras: tuple[RadianceView | None, ...]
     samples: tuple[int, ...]
     far: tuple[float, ...]
@@ -205,26 +184,14 @@ def compute(
         the answer.
     """
     tell(FOLLOWING)
-    bodies = as_bodies(frame.glasses)
-    centre, scale = _place_and_size(bodies, frame.view)
-    casters.things.aim(frame.things, centre, scale)
-    meshes = GlassMeshes(casters.meshes, bodies, centre, scale)
-    scene = Scene(
-        casters.things,
-        frame.things,
-        frame.sky,
-        frame.capture_worth,
-        kept.sketches,
-        CONTACT * scale,
-    )
-    direct = direct_view(frame.view, frame.region, frame.near, frame.far)
-    follower = _follower(frame, scene, direct, bodies, meshes, kept)
-    rays, views = _followed(frame, scene, direct, bodies, follower, scale, room)
+    stage = staged(frame, casters, kept)
+    rays, placed = _followed(frame, stage, casters, room)
     tell("adding up the light")
-    result = _summed(frame, scene, views, rays)
-    boxes = [_corners(body) for body in bodies]
-    if bodies and frame.engine != "BLENDER_WORKBENCH":
+    result = _summed(frame, stage, placed, rays)
+    boxes = [corners_of(body) for body in stage.bodies]
+    if boxes and frame.engine != "BLENDER_WORKBENCH":
         sides = np.array([(box.min(axis=0), box.max(axis=0)) for box in boxes])
+        scene, direct = stage.scene, stage.direct
         mirrors = mirrors_of(scene, direct, sides) if frame.mirrors else {}
         windows, veils = (veils_of(scene, direct, sides, kind) for kind in Clear)
         result = replace(result, mirrors=mirrors, windows=windows, veils=veils)
@@ -232,106 +199,47 @@ def compute(
         return result
     sigma = filter_sigma(frame.engine, frame.filter_size)
     found = rays.lookups
+    views = placed.with_twin(stage.direct)
     places = [found.place[found.view == number] for number in range(len(views))]
-    added = light_maps(frame.light, scene, views, places, follower, boxes, sigma, kept_light)
+    added = light_maps(
+        frame.light, stage.scene, views, places, stage.follower, boxes, sigma, kept_light
+    )
     return replace(result, light=tuple(_opaque(frame.exposure * part) for part in added))
 
 
-def _place_and_size(bodies: Sequence[Glass], view: Viewpoint) -> tuple[np.ndarray, float]:
-    """The middle (3,) and the size, metres, of a box round all glasses."""
-    if not bodies:
-        return view.eye, 1.0
-    low, high = _hull(bodies)
-    return 0.5 * (low + high), float(np.linalg.norm(high - low))
+def expose(frame: FrameInput, casters: Casters, kept: Kept, placed: Placed) -> FrameResult:
+    """The picture of a frame that was computed before, now that more of its moments are known.
 
-
-def _hull(bodies: Sequence[Glass]) -> np.ndarray:
-    """(2, 3): a box round all glasses, in the world; of none, one point."""
-    if not bodies:
-        return np.zeros((2, 3))
-    corners = np.concatenate([_corners(body) for body in bodies])
-    return np.array((corners.min(axis=0), corners.max(axis=0)))
-
-
-def _corners(body: Glass) -> np.ndarray:
-    """The corners (8, 3), in the world, of a box round a glass."""
-    box = body.description.box
-    return body.points_to_world(np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3))
-
-
-def _cut(rect, region) -> tuple[int, int, int, int]:
-    return (
-        max(rect[0], region[0]),
-        max(rect[1], region[1]),
-        min(rect[2], region[2]),
-        min(rect[3], region[3]),
-    )
-
-
-def _follower(
-    frame: FrameInput,
-    scene: Scene,
-    direct: RadianceView,
-    bodies: Sequence[Glass],
-    meshes: GlassMeshes,
-    kept: Kept,
-) -> Follower:
-    """Follows the rays of the picture."""
-    glasses = tuple(glass.stamp() for glass in frame.glasses)
-    return Follower(
-        direct,
-        _bands(frame.glasses),
-        scene.caster,
-        scene.eyes,
-        meshes,
-        frame.things,
-        _boxes(frame.things),
-        _hull(bodies),
-        (frame.min_weight, frame.fresnel, *glasses),
-        frame.min_weight,
-        frame.fresnel,
-        kept,
-        _shining(frame).max(),
-        _through(frame),
-    )
+    ``placed``: its views.
+    """
+    tell(FOLLOWING)
+    stage = staged(frame, casters, kept)
+    rays, _ = _followed(frame, stage, casters, placed)
+    tell("adding up the light")
+    return _summed(frame, stage, placed, rays)
 
 
 def _followed(
-    frame: FrameInput,
-    scene: Scene,
-    direct: RadianceView,
-    bodies: Sequence[Glass],
-    follower: Follower,
-    scale: float,
-    room: Room,
-) -> tuple[Rays, Views]:
-    """What the picture's rays bring, and all views."""
-    view = frame.view
-    most = min(frame.captures, room.captures)
-    blur, rects = _blurred(frame, direct if most > 1 else replace(direct, lens=None), bodies)
-    is_blurred = (blur > LENS[0][1]).any()
-    most -= is_blurred
+    frame: FrameInput, stage: Stage, casters: Casters, room: Room | Placed
+) -> tuple[Rays, Placed]:
+    """What the picture's rays bring, and the views that show it; these may have been placed."""
+    view, scene, follower = frame.view, stage.scene, stage.follower
+    if frame.captures < ROOMY:
+        frame = replace(frame, shutter=None, view=replace(view, lens=None))
+    soft, blur, rects = blurred_glasses(frame, stage.bodies)
     pixels = grid(rects, view.size)
     coarse = centre_rays(pixels, follower)
     beside = neighbours(coarse, view.size)
-    tell("placing cameras for what else is seen in the glass")
-    rows = judged(len(coarse.ways))
-    captures = place_captures(
-        scene,
-        direct,
-        coarse.ways.take(rows),
-        spacing(coarse.ways, beside, rows),
-        most,
-        frame.aspect,
-        NEAREST * scale,
-    )
-    sharp = 1 + len(captures)
-    views = [direct, *captures, *[None] * (room.captures - len(captures))]
-    skies = place_skies(scene, views, coarse.ways, room.skies, frame.aspect)
-    views += [*skies, *[None] * (room.skies - len(skies))]
+    if isinstance(room, Placed):
+        blurred_things(frame, blur, rects, coarse.ways, beside.pixel)
+        placed = room
+    else:
+        is_blurred = frame.shutter is not None or (blur > BLURRED[0][1]).any()
+        placed = _placed(frame, stage, coarse, beside, room, is_blurred)
+    views = placed.views
     shown = show(scene, views, coarse.ways)
     surface = frame.things.surfaces(coarse.ways.triangle)
-    ends = ending(coarse, beside, shown, surface, view.size, _shining(frame)[surface])
+    ends = ending(coarse, beside, shown, surface, view.size, shining(frame)[surface])
     # A way's end may lie in the next pixel, which a cropped picture need not hold.
     drawn = np.zeros(len(ends.pixel), bool)
     drawn[grid([frame.region], view.size)] = True
@@ -342,21 +250,20 @@ def _followed(
     lit_pixel, lit = out_of_focus(
         beside.pixel[lit],
         glints[lit] * coarse.ways.colour[lit],
-        np.where(blur > LENS[0][1], blur, 0.0).reshape(view.size[::-1]),
+        np.where(soft > BLURRED[0][1], soft, 0.0),
     )
     inside = drawn[lit_pixel]
     lit, lit_pixel = lit[inside], _window_pixels(lit_pixel[inside], view)
     tell(FOLLOWING)
-    finer = FinerRays(coarse, ends, sigma, follower, blur)
+    finer = FinerRays(coarse, ends, sigma, follower, blur.ravel())
     centres = (coarse, shown, beside)
     counts: list[int] = []
-    parts = _lookups(frame, scene, views, finer, follower, [centres], counts, sharp)
+    blurred = blurred_parts(frame, stage, casters, finer, float(blur.max()))
+    parts = _lookups(frame, scene, placed, finer, blurred, follower, [centres], counts)
     # The largest arrays are held no longer than they are needed.
     del beside, coarse, ends, glints, shown, centres
     found = joined(Lookups, parts)
-    if is_blurred:
-        part = replace(direct.lens, radius=PART_OF_LENS * direct.lens.radius)
-        views[sharp] = replace(direct, lens=part)
+    views = placed.with_twin(stage.direct)
     stay = len(finer.kept)
     found.weight[:stay] *= finer.factor
     found.colour[:stay] *= finer.factor[:, None]
@@ -365,56 +272,55 @@ def _followed(
     dark = finer.dark
     some = np.flatnonzero(dark)
     dark_pixel = _window_pixels(finer.pixel[some], view)
-    return Rays(found, sum(counts), lit_pixel, lit, dark_pixel, dark[some]), views
+    return Rays(found, sum(counts), lit_pixel, lit, dark_pixel, dark[some]), placed
 
 
-def _blurred(
-    frame: FrameInput, direct: RadianceView, bodies: Sequence[Glass]
-) -> tuple[np.ndarray, list[tuple[int, int, int, int]]]:
-    """By how many pixels (width · height,) the lens blurs the glasses in each, and the rectangles
-    (x0, y0, x1, y1) of pixels in which these are seen."""
-    width, height = frame.view.size
-    blur, rects = np.zeros((height, width)), []
-    for body in bodies:
-        corners, radius = _corners(body), 0.0
-        if direct.lens is not None:
-            depths = np.maximum(-direct.local(corners)[:, 2], direct.near)
-            radius = direct.focal_px * float(direct.lens.blur(depths).max())
-        margin = MARGIN_PX + math.ceil(min(radius, width + height))
-        x0, y0, x1, y1 = rect = _cut(frame.view.covered(corners, margin), frame.region)
-        rects.append(rect)
-        if x0 < x1 and y0 < y1:
-            part = blur[y0:y1, x0:x1]
-            np.maximum(part, radius, out=part)
-    return blur.ravel(), rects
-
-
-def _shining(frame: FrameInput) -> np.ndarray:
-    """(L + 1,) how much brighter than white surfaces shine, 1 at least; of the sky 1 is known."""
-    light = [frame.exposure * max(look.radiance) for look in frame.things.looks]
-    return np.maximum([*light, 0.0], 1.0)
+def _placed(
+    frame: FrameInput,
+    stage: Stage,
+    coarse: PictureRays,
+    beside: Neighbours,
+    room: Room,
+    is_blurred: bool,
+) -> Placed:
+    """The views that a frame needs; one capture less where its twin needs room."""
+    tell("placing cameras for what else is seen in the glass")
+    rows = judged(len(coarse.ways))
+    captures = place_captures(
+        stage.scene,
+        stage.direct,
+        coarse.ways.take(rows),
+        spacing(coarse.ways, beside, rows),
+        min(frame.captures, room.captures) - is_blurred,
+        frame.aspect,
+        NEAREST * stage.scale,
+    )
+    views = [stage.direct, *captures, *[None] * (room.captures - len(captures))]
+    skies = place_skies(stage.scene, views, coarse.ways, room.skies, frame.aspect)
+    views += [*skies, *[None] * (room.skies - len(skies))]
+    return Placed(tuple(views), 1 + len(captures) if is_blurred else None)
 
 
 def _lookups(
     frame: FrameInput,
     scene: Scene,
-    views: Views,
+    placed: Placed,
     finer: FinerRays,
+    blurred: Iterator[PictureRays],
     follower: Follower,
     centres: list,
     counts: list,
-    sharp: int,
 ) -> Iterator[Lookups]:
     """What shows the ways of the centres that stay, and of the finer rays.
 
     Parameters
     ----------
+    blurred : rays of the pixels that a lens or motion blurs.
     centres : one ray a pixel, what shows its ways, and their neighbours; it is emptied.
     counts : gets how many rays have ways, of each part.
-    sharp : number of the view that shows to rays from all over the lens what the direct picture
-        shows, through a part of the lens.
     """
     coarse, shown, beside = centres.pop()
+    views = placed.views
     counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
     stay = np.intersect1d(polished(scene, coarse.ways, shown), finer.kept)
     amended = _amended(frame, scene, views, follower, coarse.ways, shown, stay)
@@ -433,7 +339,7 @@ def _lookups(
     of_stay = np.flatnonzero(np.isin(finer.kept, stay))
     which = np.searchsorted(stay, finer.kept[of_stay])
     del coarse, shown, beside
-    for parts, is_of_lens in ((finer.parts(), False), (finer.lens_parts(), True)):
+    for parts, are_blurred in ((finer.parts(), False), (blurred, True)):
         for rays in parts:
             ways, pixel = rays.ways, _window_pixels(rays.pixel[rays.ways.ray], frame.view)
             counts.append(len(np.unique(ways.ray)))
@@ -441,8 +347,8 @@ def _lookups(
             rows = polished(scene, ways, shown)
             for lookups_of in _amended(frame, scene, views, follower, ways, shown, rows):
                 yield lookups_of(pixel[rows], share[rows])
-            if is_of_lens:
-                shown.view[shown.view == 0] = sharp
+            if are_blurred and placed.twin is not None:
+                shown.view[shown.view == 0] = placed.twin
             yield Lookups.of(scene, ways, shown, pixel, share, frame.clamp)
     # All shares are known now.
     share = (finer.share * finer.factor)[of_stay]
@@ -483,90 +389,16 @@ def _amended(
     return [partial(lookups_of, *one, clamp) for one, clamp in zip(both, clamps, strict=True)]
 
 
-def _bands(glasses: Sequence[Glass]) -> list[Band]:
-    """The glasses as the tracer takes them, in light of each band; one band without dispersion."""
-    names = list(optics.LINES) if any(glass.disperses for glass in glasses) else [""]
-    found = []
-    for band in names:
-        seen = [glass.in_light(band) if glass.disperses and band else glass for glass in glasses]
-        found.append((BAND_COLOURS[band], placed_glasses(as_bodies(seen))))
-    return found
-
-
-def placed_glasses(bodies: Sequence[Glass]) -> list[optics.Placed]:
-    """Glasses with all the faces that bound them, as the tracer takes them."""
-    ranks = _ranks(bodies)
-    return [_placed(body, rank) for body, rank in zip(bodies, ranks, strict=True)]
-
-
-def _ranks(bodies: Sequence[Glass]) -> list[int]:
-    """Priorities of glasses as the tracer takes them.
-
-    Of equal priorities a glass within another's box holds: a ball in a tank of water is seen.
-    """
-    boxes = [(c.min(axis=0), c.max(axis=0)) for c in map(_corners, bodies)]
-    depths = [
-        sum(bool((low > a).all() and (high < b).all()) for a, b in boxes) for low, high in boxes
-    ]
-    return [body.priority * len(bodies) + depth for body, depth in zip(bodies, depths, strict=True)]
-
-
-def _placed(body: Glass, priority: int) -> optics.Placed:
-    mesh = body.description
-    if isinstance(mesh, MeshGlass):
-        return optics.PlacedMesh(
-            mesh.ior,
-            body.absorption[1],
-            priority,
-            mesh.roughness,
-            mesh.box,
-            (mesh.refracted, mesh.reflected),
-        )
-    media = len(body.description.media)
-    absorption = np.zeros((media, 3))
-    known = np.array(body.absorption[:media]).reshape(-1, 3)
-    absorption[: len(known)] = known
-    return optics.PlacedGlass(body.description, body.to_world, absorption, priority)
-
-
-def _through(frame: FrameInput) -> np.ndarray | None:
-    """(T,) which triangles are seen through the glasses, None: all; lamps always are."""
-    things, named = frame.things, frame.seen_through
-    seen = [
-        look.is_lamp or (not look.is_passed and (named is None or owner in named))
-        for look, owner in zip(things.looks, things.owners, strict=True)
-    ]
-    return None if all(seen) else np.array(seen, bool)[things.surface]
-
-
-def _boxes(things: Things) -> np.ndarray:
-    """(B, 2, 3): a box round the triangles of each owner."""
-    owners = {name: number for number, name in enumerate(dict.fromkeys(things.owners))}
-    if not len(things.triangles):
-        return np.zeros((0, 2, 3))
-    owner = np.array([owners[name] for name in things.owners])[things.surface]
-    boxes = np.empty((len(owners), 2, 3))
-    boxes[:, 0], boxes[:, 1] = np.inf, -np.inf
-    corners = things.points[things.triangles]
-    np.minimum.at(boxes[:, 0], owner, corners.min(axis=1))
-    np.maximum.at(boxes[:, 1], owner, corners.max(axis=1))
-    return boxes[np.isfinite(boxes).all(axis=(1, 2))]
-
-
-def _summed(
-    frame: FrameInput,
-    scene: Scene,
-    views: Views,
-    rays: Rays,
-) -> FrameResult:
+def _summed(frame: FrameInput, stage: Stage, placed: Placed, rays: Rays) -> FrameResult:
     """The samples of all ways, packed for the compositor."""
+    views = placed.with_twin(stage.direct)
     lookups = rays.lookups
     pixel, weight, view_number = lookups.pixel, lookups.weight, lookups.view
     light = weight.sum() + rays.dark.sum()
     unseen = weight[view_number == UNSEEN].sum() + rays.dark.sum()
     unseen = float(unseen / light) if light > 0.0 else 0.0
     known = np.flatnonzero(view_number == KNOWN)
-    lacking, guessed = stand_ins(scene, lookups)
+    lacking, guessed = stand_ins(stage.scene, lookups)
     # A quarter of all that is held, and no longer needed.
     lookups.at = lookups.at[:0].copy()
     known, radiance = np.concatenate((known, lacking)), np.concatenate((lookups.light, guessed))
@@ -594,9 +426,13 @@ def _summed(
         weights.append(weight[order].astype(np.float32))
         count, hidden = 1, NO_CURTAIN
         if view is not None and number:
-            used = looked_up(view, lookups.place[some])
-            hidden = curtain(view, used)
-            worth = _worth(pixel[order], weight[order], covering.sum())
+            if frame.shutter is None:
+                hidden = curtain(view, looked_up(view, lookups.place[some]))
+            lit = order
+            if frame.shutter is not None and number == placed.twin:
+                # Until more moments are known the direct picture shows what it will.
+                lit = np.flatnonzero((view_number == 0) | (view_number == number))
+            worth = _worth(pixel[lit], weight[lit], covering.sum())
             # Rounded: little more than one sample is not worth two.
             count = max(1, round(worth * frame.samples))
         samples.append(count)
@@ -608,6 +444,7 @@ def _summed(
             carried = float(weight[order].sum() / light) if light > 0.0 else 0.0
             reports.append(ViewReport(name, count, carried))
     return FrameResult(
+        placed=placed,
         cameras=tuple(views[1:]),
         samples=tuple(samples[1:]),
         far=tuple(_far(frame.things, view) for view in views[1:]),

@@ -95,6 +95,10 @@ class Things(Triangles):
 
     def mapped(self, met: Met) -> np.ndarray:
         """(K, 2) where rays meet triangles with a cutout, on its UV map."""
+        return np.einsum("nk,nkd->nd", self.shares(met), self.uv[self.uv_row[met.triangle]])
+
+    def shares(self, met: Met) -> np.ndarray:
+        """(K, 3) shares of their triangles' corners in where rays meet them."""
         a, b, c = (self.points[self.triangles[met.triangle, k]] for k in range(3))
         place = met.origin + met.distance[:, None] * met.direction - a
         b, c = b - a, c - a
@@ -103,8 +107,7 @@ class Things(Triangles):
         area = np.where(area > 0.0, area, 1.0)
         second = np.einsum("nk,nk->n", np.cross(place, c), normal) / area
         third = np.einsum("nk,nk->n", np.cross(b, place), normal) / area
-        weights = np.stack((1.0 - second - third, second, third), axis=1)
-        return np.einsum("nk,nkd->nd", weights, self.uv[self.uv_row[met.triangle]])
+        return np.stack((1.0 - second - third, second, third), axis=1)
 
     def box(self) -> np.ndarray:
         """(2, 3): the lowest and the highest coordinates; of nothing, an empty box."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -48,6 +48,7 @@ from ..read.viewpoint import (
     clamp_settings,
     render_size,
     samples_setting,
+    shutter_times,
 )
 from ..read.visibility import rendered_layer
 from ..read.world import film_exposure, shown_world
@@ -55,14 +56,16 @@ from .caster import Casters, fill_cast_collection
 from .curtain import pane
 from .exits import WORKBENCH_MANY, WORKBENCH_SIGMA
 from .follow import Kept
-from .frame import NO_CURTAIN, FrameInput, FrameResult, Room, compute
+from .frame import NO_CURTAIN, ROOMY, FrameResult, Placed, Room, compute, expose
 from .hits import CAPTURE_WORTH, LIT_ELSEWHERE_WORTH
 from .lamps import sun_of
 from .radiance import Clamp
 from .samples import EARLY, LEVELS
+from .shutter import Moment, Shutter
 from .sky import sky_of
+from .stage import FrameInput
 from .sum_tree import SHARPENINGS, Pictures, SumTree, pixel_places
-from .things import read_things
+from .things import Things, read_things
 from .views import RadianceView
 
 CURTAIN = "curtain"
@@ -104,6 +107,22 @@ _kept_sizes: dict[int, tuple[int, int]] = {}
 """View's session uid -> pixels of the picture of it that Blender has kept. The compositor takes it
 where the view is not rendered, and reads past its end where it is smaller than the user's: so it is
 rendered once more, though nothing is looked up in it."""
+
+
+@dataclass(eq=False)
+class Exposure:
+    """A frame with motion blur whose picture waits for the moments that its render goes through.
+
+    Attributes
+    ----------
+    frame : what is known at its own time. placed : its views. white : see `_write_pictures`.
+    moments : that came since.
+    """
+
+    frame: FrameInput
+    placed: Placed
+    white: float
+    moments: list[Moment] = field(default_factory=list)
 
 
 def prepare(scene: bpy.types.Scene) -> None:
@@ -248,10 +267,12 @@ def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
     error inside the glass.
     """
     user_layer = rendered_layer(scene)
+    sharp = {"use_motion_blur": False} if _is_exposed(scene) else {}
     for capture in views:
         kept = {
             "scene": {"camera": capture.camera},
-            "render": dict.fromkeys(("use_compositing", "use_sequencer", "use_multiview"), False),
+            "render": dict.fromkeys(("use_compositing", "use_sequencer", "use_multiview"), False)
+            | sharp,
             "cycles": {"samples": capture.cycles.samples, "denoising_prefilter": "FAST"},
             "eevee": {"taa_render_samples": capture.eevee.taa_render_samples},
         }
@@ -273,25 +294,31 @@ def _match_views(scene: bpy.types.Scene, views: list[bpy.types.Scene]) -> None:
 def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint) -> Status:
     """Write one frame's pictures, cameras and samples.
 
-    Motion blur asks for other times round the frame's own, which comes first: they change nothing.
+    Motion blur asks for other times round the frame's own, which comes first: what stands where is
+    noted then, see `finish`.
     """
     started = time.perf_counter()
     memory = memory_of(scene)
     moment = scene.frame_current + scene.frame_subframe
-    if scene.render.use_motion_blur and memory.centre not in (None, moment):
-        return memory.status
+    if scene.render.use_motion_blur and memory.centre is not None:
+        if moment != memory.centre:
+            _note(scene, depsgraph, view, moment)
+        if moment != memory.centre or memory.exposure is not None:
+            return memory.status
     memory.centre = moment
     problems = [*memory.standing, *_blurred(scene)]
     if not _stands(scene):
         # A render's thread can build nothing.
         problems.append(UNREADY)
     views = find_own_scenes(scene, (CAPTURE, SKY))
-    read = _read(scene, depsgraph, view, problems)
+    read = _read(scene, depsgraph, view, moment, problems)
     result = compute(read, _casters(scene), ROOM, _kept(scene), _kept_light(scene))
     # From here on all is written: a picture of two frames' halves would be none.
     check()
     white = 2.0**-depsgraph.scene_eval.view_settings.exposure
     _write(scene, views, result, read.sky.is_of_cameras, white)
+    if result.placed.twin is not None and read.shutter is not None:
+        memory.exposure = Exposure(read, result.placed, white)
     problems += _lit_from_elsewhere(scene, result)
     problems += _thickened(scene, read)
     problems += [
@@ -331,6 +358,37 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoi
     memory.status = status
     memory.covered = result.spread[..., 3] < UNCOVERED
     return status
+
+
+def _note(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint, time: float
+) -> None:
+    """Note where all stands at another moment of the frame's shutter."""
+    exposure = memory_of(scene).exposure
+    if exposure is not None:
+        # What is wrong with a glass the frame itself has told.
+        glasses = tuple(read_glasses(depsgraph, []))
+        things = _read_things(scene, depsgraph, frozenset(glass.name for glass in glasses))
+        exposure.moments.append(Moment(time, view, glasses, things))
+
+
+def finish(scene: bpy.types.Scene) -> None:
+    """Write the picture of a frame that motion blurs, once its render has gone through all moments.
+
+    It changes pictures alone: cameras of its own scenes may be in use.
+    """
+    memory = memory_of(scene)
+    exposure, memory.exposure = memory.exposure, None
+    if exposure is None or not exposure.moments:
+        return
+    shutter = exposure.frame.shutter.with_moments(exposure.moments)
+    frame = replace(exposure.frame, shutter=shutter)
+    result = expose(frame, _casters(scene), _kept(scene), exposure.placed)
+    check()
+    _write_pictures(Pictures(scene), result, exposure.white)
+    status = memory.status
+    status.rays, status.ways, status.covered = result.rays, result.ways, result.covered
+    status.views, status.unseen = result.reports, result.unseen
 
 
 def _show_real(
@@ -379,32 +437,40 @@ def ease_world(depsgraph: bpy.types.Depsgraph) -> None:
 
 def _blurred(scene: bpy.types.Scene) -> list[str]:
     """A line for each blur that the glass has no part in, or not all."""
-    camera, layer, found = scene.camera, rendered_layer(scene), []
+    camera, found = scene.camera, []
     if _has_lens(scene) and camera.data.type == "ORTHO":
         found.append(
             f'Camera "{camera.name}" is orthographic and has depth of field: what is seen in the '
             "glass is blurred where the picture shows it, else sharp"
         )
-    elif _has_lens(scene) and scene.refractive_glass.captures < 2:
+    elif _has_lens(scene) and scene.refractive_glass.captures < ROOMY:
         found.append(
             f'Camera "{camera.name}" has depth of field, and a glass out of focus is sharp: choose '
             "two captures or more"
         )
-    if not scene.render.use_motion_blur:
-        return found
-    moving = next(filter(may_move, (camera, *glass_objects(layer, ever=True))), None)
-    if moving is not None:
+    moving = _moving(scene)
+    if moving is not None and scene.refractive_glass.captures < ROOMY:
         found.append(
-            f'Motion blur is on and "{moving.name}" may move: the glass is computed for the '
-            "frame's own time and not blurred itself"
-        )
-    moving = next(filter(may_move, source_objects(layer, ever=True)), None)
-    if moving is not None:
-        found.append(
-            f'Motion blur is on and "{moving.name}" may move: in the glass its outline is that of '
-            "the frame's own time, and only what lies within is blurred"
+            f'Motion blur is on and "{moving.name}" may move: the glass is sharp, and what is seen '
+            "in it has sharp outlines: choose two captures or more"
         )
     return found
+
+
+def _moving(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """A thing that the engine may blur by its motion; None if there is none."""
+    layer = rendered_layer(scene)
+    if scene.render.engine == "BLENDER_WORKBENCH" or not scene.render.use_motion_blur:
+        return None
+    if scene.render.engine == "CYCLES" and not layer.use_motion_blur:
+        return None
+    objects = scene.camera, *glass_objects(layer, ever=True), *source_objects(layer, ever=True)
+    return next(filter(may_move, objects), None)
+
+
+def _is_exposed(scene: bpy.types.Scene) -> bool:
+    """Whether what moves is blurred in the glass; the views show all where it is in the frame."""
+    return scene.refractive_glass.captures >= ROOMY and _moving(scene) is not None
 
 
 def _has_lens(scene: bpy.types.Scene) -> bool:
@@ -483,16 +549,27 @@ def _kept_light(scene: bpy.types.Scene) -> KeptLight:
     return memory.kept_light
 
 
-def _read(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint, problems: list[str]
-) -> FrameInput:
-    settings, user = scene.refractive_glass, depsgraph.scene_eval
-    glasses = tuple(read_glasses(depsgraph, problems))
+def _read_things(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, mirrors: frozenset[str]
+) -> Things:
+    """All but glasses, of which those that are seen have their names in ``mirrors``."""
     left_out = frozenset(
         obj.name
         for obj in bpy.data.objects
         if obj.type == "MESH" and glass_modifier(obj) is not None
     )
+    return read_things(depsgraph, left_out, mirrors, scene.render.engine, memory_of(scene).masks)
+
+
+def _read(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    view: Viewpoint,
+    moment: float,
+    problems: list[str],
+) -> FrameInput:
+    settings, user = scene.refractive_glass, depsgraph.scene_eval
+    glasses = tuple(read_glasses(depsgraph, problems))
     mirrors = frozenset(glass.name for glass in glasses)
     suns = []
     for instance in depsgraph.object_instances:
@@ -507,9 +584,14 @@ def _read(
     region = border_window(scene) if render.use_border else (0, 0, width, height)
     samples, name = samples_setting(scene)
     camera = scene.camera.evaluated_get(depsgraph).data
+    things = _read_things(scene, depsgraph, mirrors)
+    shutter = None
+    if _is_exposed(scene):
+        own = Moment(moment, view, glasses, things)
+        shutter = Shutter(*shutter_times(scene, moment), own, (own,))
     return FrameInput(
         glasses=glasses,
-        things=read_things(depsgraph, left_out, mirrors, render.engine, memory_of(scene).masks),
+        things=things,
         sky=sky_of(user, tuple(suns), shown_world(user, depsgraph.view_layer)),
         view=view if _has_lens(scene) else replace(view, lens=None),
         near=float(camera.clip_start),
@@ -529,6 +611,7 @@ def _read(
         light=_read_light(scene, depsgraph, problems),
         mirrors=render.engine == "CYCLES"
         or (render.engine == "BLENDER_EEVEE" and scene.eevee.use_raytracing),
+        shutter=shutter,
     )
 
 
@@ -593,13 +676,8 @@ def _write(
     ``white``: radiance that is shown as white.
     """
     pictures = Pictures(scene)
-    for number in range(len(result.views)):
-        pictures.write_view(number, result.views.pop(0), result.weights.pop(0))
-    for name in ("spread", "known"):
-        pictures.write(getattr(result, name), name)
-    pictures.write(result.known_alpha, "known alpha")
     height, width = result.spread.shape[:2]
-    pictures.write(pixel_places((width, height), white), "pixels")
+    _write_pictures(pictures, result, white)
     for number, light in enumerate(result.light):
         pictures.write(light, number, "light")
     _match_views(scene, views)
@@ -627,6 +705,20 @@ def _write(
                 _hang(view, PANE, pane(camera) if camera.is_paned else NO_CURTAIN)
     # Its size tells: 2 if there is a view that is drawn for this frame, else 1.
     pictures.write(np.zeros((1, 1 + any_is_rendered, 4), np.float32), "rendered")
+
+
+def _write_pictures(pictures: Pictures, result: FrameResult, white: float) -> None:
+    """Write what the compositor sums, but for the light through glasses; the result gives it up.
+
+    ``white``: radiance that is shown as white.
+    """
+    for number in range(len(result.views)):
+        pictures.write_view(number, result.views.pop(0), result.weights.pop(0))
+    for name in ("spread", "known"):
+        pictures.write(getattr(result, name), name)
+    pictures.write(result.known_alpha, "known alpha")
+    height, width = result.spread.shape[:2]
+    pictures.write(pixel_places((width, height), white), "pixels")
 
 
 def _hang(view: bpy.types.Scene, role: str, mesh: tuple[np.ndarray, np.ndarray]) -> None:

@@ -161,9 +161,11 @@ class RadianceView:
         return self.sight(points)[:2]
 
     def lens_rays(self, pixels: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same as `rays`, of a view with a lens, through places (N, 2) in its opening as the
-        lens takes them. All rays of one place of the frame meet in the plane that is seen sharply.
+        """The same as `rays`, through places (N, 2) in the opening as the lens takes them, if there
+        is one. All rays of one place of the frame meet in the plane that is seen sharply.
         """
+        if self.lens is None:
+            return self.rays(pixels)
         _, directions = self.rays(pixels)
         ahead = dot(directions.T, self.forward)
         sharp = directions * (self.lens.focus / ahead)[:, None]

@@ -294,6 +294,14 @@ def render_size(scene: bpy.types.Scene) -> tuple[int, int]:
     return int(render.resolution_x * factor), int(render.resolution_y * factor)
 
 
+def shutter_times(scene: bpy.types.Scene, frame: float) -> tuple[float, float]:
+    """When the shutter opens and closes, frames, as engines blur motion."""
+    render = scene.render
+    start = {"START": 0.0, "CENTER": -0.5, "END": -1.0}[render.motion_blur_position]
+    opens = frame + start * render.motion_blur_shutter
+    return opens, opens + render.motion_blur_shutter
+
+
 def samples_setting(scene: bpy.types.Scene) -> tuple[bpy.types.bpy_struct, str]:
     """Settings of the scene's engine that hold its samples per pixel, and the property's name."""
     if scene.render.engine == "CYCLES":

@@ -27,7 +27,7 @@ SOLVED = 0.1
 def begin_frame(scene: bpy.types.Scene) -> None:
     """A render begins a frame: the next evaluation is that of the frame's own time."""
     memory = memory_of(scene)
-    memory.centre = None
+    memory.centre = memory.exposure = None
     memory.moments.clear()
 
 

@@ -14,18 +14,18 @@ from glass_refraction.scene.rays.exits import (
     BRIGHTEST,
     FINER,
     LATTICE,
-    MOST_OF_LENS,
+    MOST_BLURRED,
     Endings,
     FinerRays,
     PictureRays,
     _lattice,
     bell_means,
     between,
+    blurred_places,
     centre_rays,
     ending,
     filter_sigma,
     grid,
-    lens_places,
     neighbours,
     together,
 )
@@ -621,12 +621,12 @@ def test_a_sun_between_what_both_sides_of_an_edge_mirror_is_not_seen():
 
 
 def test_rays_from_all_over_a_lens_are_more_the_larger_its_blur_and_not_too_many():
-    found = lens_places(np.array((1.6, 3.9, 4.1, 50.0)))
+    found = blurred_places(np.array((1.6, 3.9, 4.1, 50.0)))
     assert np.all(np.diff(found) >= 0) and found[0] < found[-1]
     for pixels in (100_000, 200_000, 600_000):
-        found = lens_places(np.full(pixels, 50.0))
-        assert found.sum() <= MOST_OF_LENS and found.min() in LATTICE
-    assert (lens_places(np.full(3 * MOST_OF_LENS, 50.0)) == min(LATTICE)).all()
+        found = blurred_places(np.full(pixels, 50.0))
+        assert found.sum() <= MOST_BLURRED and found.min() in LATTICE
+    assert (blurred_places(np.full(3 * MOST_BLURRED, 50.0)) == min(LATTICE)).all()
 
 
 def test_a_sun_out_of_focus_is_a_disc_of_the_same_light():

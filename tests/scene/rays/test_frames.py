@@ -924,46 +924,6 @@ def test_what_the_picture_shows_is_not_taken_from_a_capture_that_is_lit_from_els
     assert shares[False] > shares[True] + 0.03
 
 
-@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_EEVEE"])
-def test_motion_blur_is_rendered_or_told_of(tmp_path, engine):
-    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
-    scene = _scene(samples=4, engine=engine)
-    wall = _wall()
-    for frame in (1, 3):
-        wall.location.x = 0.05 * frame
-        wall.keyframe_insert("location", frame=frame)
-    scene.frame_set(2)
-    scene.render.use_motion_blur = True
-    glass = scenes.glass(shape="CYLINDER")
-    found = scenes.picture(scene, tmp_path)
-    assert np.isfinite(found).all()
-    (line,) = _problems(scene)
-    assert '"Wall" may move' in line and "outline" in line
-    for frame in (1, 3):
-        glass.location.x = 0.01 * frame
-        glass.keyframe_insert("location", frame=frame)
-    found = scenes.picture(scene, tmp_path)
-    assert np.isfinite(found).all()
-    assert '"Refractive Glass" may move' in " ".join(_problems(scene))
-
-
-def test_motion_blur_is_told_of_what_moves_alone(tmp_path):
-    scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
-    scene = _scene(samples=1)
-    wall = _wall()
-    scenes.glass(shape="CYLINDER")
-    holder = bpy.data.objects.new("Holder", None)
-    scene.collection.objects.link(holder)
-    wall.parent, scene.render.use_motion_blur = holder, True
-    # Its colour is keyed, not its place.
-    wall.keyframe_insert("color", frame=1)
-    scenes.picture(scene, tmp_path)
-    assert _problems(scene) == []
-    holder.keyframe_insert("location", frame=1)
-    scenes.picture(scene, tmp_path)
-    assert '"Wall" may move' in " ".join(_problems(scene))
-
-
 # ------------------------------------------------------------------------------ the user's tree
 
 
