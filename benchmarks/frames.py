@@ -35,7 +35,7 @@ STAGES = {
     "reading": ((true, "_read"),),
     "exit rays": (
         (frame, "centre_rays"),
-        (frame, "_follower"),
+        (frame, "staged"),
         (Follower, "_whole"),
         (Follower, "_unhidden"),
         (Follower, "_end"),

@@ -15,8 +15,8 @@ from glass_refraction import optics
 from glass_refraction.scene.build.own_scenes import new_collection, own_scene, synchronise
 from glass_refraction.scene.rays import true
 from glass_refraction.scene.rays.caster import Casters, fill_cast_collection
-from glass_refraction.scene.rays.frame import placed_glasses
 from glass_refraction.scene.rays.meshes import GlassMeshes
+from glass_refraction.scene.rays.stage import placed_glasses
 from glass_refraction.scene.read.glasses import Glass
 from glass_refraction.scene.read.mesh_glasses import MeshGlass, placed_triangles
 

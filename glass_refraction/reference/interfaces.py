@@ -23,7 +23,7 @@ from mathutils.geometry import delaunay_2d_cdt
 
 from .. import optics
 from ..scene.build.glass_mesh import fill_mesh, glass_surfaces
-from ..scene.rays.frame import placed_glasses
+from ..scene.rays.stage import placed_glasses
 from ..scene.read.glasses import Glass, as_body
 from ..scene.read.mesh_glasses import triangles_of
 

@@ -103,6 +103,20 @@ def blurred_things(
         _spread(blur, rect, float(off[inside].max(initial=0.0)))
 
 
+def keep_near(blur: np.ndarray, met: np.ndarray) -> None:
+    """Blur no pixel so far from all that meet a glass at their centres (height, width) that no ray
+    of its may meet one."""
+    reach = math.ceil(2.0 * blur.max()) + 1
+    # Sums of all that is below and to the left.
+    sums = np.pad(np.cumsum(np.cumsum(met, axis=0), axis=1), ((1, 0), (1, 0)))
+    low, high = (
+        [np.clip(np.arange(n) + step, 0, n) for n in met.shape] for step in (-reach, reach + 1)
+    )
+    for axis in range(2):
+        sums = sums.take(high[axis], axis=axis) - sums.take(low[axis], axis=axis)
+    blur[sums == 0] = 0.0
+
+
 def blurred_parts(
     frame: FrameInput, stage: Stage, casters: Casters, finer: FinerRays, radius: float
 ) -> Iterator[PictureRays]:

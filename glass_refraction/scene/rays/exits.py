@@ -177,7 +177,7 @@ class FinerRays:
         self._brought = self._kept_light.copy()
         # What stays is left out where more rays are followed, and counts with what they lose.
         self._wanted = np.where(self._rough & (not follower.rough), 0.0, self._brought)
-        self._stays = np.zeros(len(most))
+        self._stays, self._met = np.zeros(len(most)), np.zeros(len(most), bool)
 
     def _offsets(self, count: np.ndarray) -> np.ndarray:
         """(K', 2) pixels from the centre, of ways by how often they are looked up."""
@@ -245,14 +245,27 @@ class FinerRays:
             factor = _factor(stay + light, stay * follower.rough + light + left)
             pixel, share = np.repeat(some, count), np.repeat(one, count)
             ways = ways.scaled(factor[ways.ray // count])
-            # The picture of such a pixel also shows what is behind the glass, unrefracted.
-            ways = joined(Ways, (ways, follower.before(some, places, blank)))
+            if self._blurred[some].any():
+                # The picture of such a pixel shows all the time what these see some of the time.
+                met = np.ones(len(lost), bool)
+                met[blank] = False
+                self._met[some] |= met.reshape(-1, count).any(axis=1)
+                others = follower.beside(some, places, blank)
+            else:
+                # The picture of such a pixel also shows what is behind the glass, unrefracted.
+                others = follower.before(some, places, blank)
+            ways = joined(Ways, (ways, others))
             yield PictureRays(pixel, share, np.zeros(len(lost)), ways)
 
     @property
     def factor(self) -> np.ndarray:
         """(K',) of the ways that stay, when all further rays are known."""
         return _factor(self._brought, self._wanted)[self._known]
+
+    @property
+    def unmet(self) -> np.ndarray:
+        """(width · height,) blurred pixels of which no ray meets a glass: the picture has them."""
+        return self._blurred & ~self._met
 
     @property
     def dark(self) -> np.ndarray:

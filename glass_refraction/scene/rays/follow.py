@@ -478,19 +478,15 @@ class Follower:
             between=check,
         )
         found = np.flatnonzero(ends.lost)
-        count = len(found)
-        return Ways(
-            rays[rows[found]].astype(np.int32),
-            np.zeros(count, np.int64),
-            np.ones(count),
-            np.ones((count, 3)),
-            origins[found],
-            directions[found],
-            distance[found],
-            triangle[found].astype(np.int32),
-            np.zeros(count, np.int16),
-            np.zeros(count, bool),
-        )
+        begin = origins[found], directions[found]
+        return _straight_ways(rays[rows[found]], *begin, distance[found], triangle[found])
+
+    def beside(self, pixels: np.ndarray, places: np.ndarray, rays: np.ndarray) -> Ways:
+        """Ways of some rays that meet no glass first, of those of `blocks`, to what they meet."""
+        origins, directions = (part[rays] for part in self._rays(pixels, places))
+        directions = _unit(directions)
+        met = self._met_first(origins, directions, np.full(len(rays), np.inf))
+        return _straight_ways(rays, origins, directions, *met)
 
     def _past_lamps(self, ways: Ways) -> Ways:
         """The same, and one more way behind each lamp outside the glasses: lamps hide nothing.
@@ -553,6 +549,29 @@ class Follower:
         end = (high - self._skin - origins) / along
         near, far = np.minimum(begin, end), np.maximum(begin, end)
         return np.maximum(near.max(axis=1), 0.0), far.min(axis=1)
+
+
+def _straight_ways(
+    ray: np.ndarray,
+    origin: np.ndarray,
+    direction: np.ndarray,
+    distance: np.ndarray,
+    triangle: np.ndarray,
+) -> Ways:
+    """Ways of rays (K,) past all glasses, to what they meet: metres (K,) to it, and triangles."""
+    count = len(ray)
+    return Ways(
+        ray.astype(np.int32),
+        np.zeros(count, np.int64),
+        np.ones(count),
+        np.ones((count, 3)),
+        origin,
+        direction,
+        distance,
+        triangle.astype(np.int32),
+        np.zeros(count, np.int16),
+        np.zeros(count, bool),
+    )
 
 
 def _exit_ways(

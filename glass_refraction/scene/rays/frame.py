@@ -15,7 +15,7 @@ import numpy as np
 from ..light.light import KeptLight, light_maps
 from ..progress import tell
 from ..read.viewpoint import Viewpoint
-from .blur import blurred_glasses, blurred_parts, blurred_things
+from .blur import blurred_glasses, blurred_parts, blurred_things, keep_near
 from .caster import Casters
 from .columns import joined
 from .curtain import curtain, looked_up
@@ -230,8 +230,10 @@ def _followed(
     pixels = grid(rects, view.size)
     coarse = centre_rays(pixels, follower)
     beside = neighbours(coarse, view.size)
+    blurred_things(frame, blur, rects, coarse.ways, beside.pixel)
+    met = np.append(beside.pixel, pixels[coarse.dark > 0.0])
+    keep_near(blur, np.bincount(met, minlength=blur.size).reshape(blur.shape) > 0)
     if isinstance(room, Placed):
-        blurred_things(frame, blur, rects, coarse.ways, beside.pixel)
         placed = room
     else:
         is_blurred = frame.shutter is not None or (blur > BLURRED[0][1]).any()
@@ -268,6 +270,9 @@ def _followed(
     found.weight[:stay] *= finer.factor
     found.colour[:stay] *= finer.factor[:, None]
     found.most[:stay] *= finer.factor
+    unmet = np.isin(found.pixel, _window_pixels(np.flatnonzero(finer.unmet), view))
+    for part in (found.weight, found.share, found.most):
+        part[unmet] = 0.0
     off_edges(scene, views, found.view, found.place, frame.things.surfaces(found.triangle))
     dark = finer.dark
     some = np.flatnonzero(dark)

@@ -385,6 +385,7 @@ def finish(scene: bpy.types.Scene) -> None:
     frame = replace(exposure.frame, shutter=shutter)
     result = expose(frame, _casters(scene), _kept(scene), exposure.placed)
     check()
+    memory.covered = result.spread[..., 3] < UNCOVERED
     _write_pictures(Pictures(scene), result, exposure.white)
     status = memory.status
     status.rays, status.ways, status.covered = result.rays, result.ways, result.covered

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from glass_refraction import optics
-from glass_refraction.scene.rays.frame import _bands
+from glass_refraction.scene.rays.stage import _bands
 from glass_refraction.scene.read.glasses import Glass
 
 CLEAR = ((0.0, 0.0, 0.0),) * 2

@@ -227,12 +227,12 @@ def test_the_edge_of_a_glass_that_passes_is_a_ramp(tmp_path, engine, mover, posi
 @pytest.mark.parametrize("mover", ["wall", "camera", "glass", "all"])
 def test_through_a_glass_that_hardly_refracts_motion_is_blurred_as_without(tmp_path, mover):
     eyes = scenes.camera(location=(0.0, -0.4, 0.06), tilt=np.pi / 2)
-    wall = scenes.striped_wall(0.2, stripes=40)
+    wall = scenes.striped_wall(0.2, stripes=16)
     scene = _scene("CYCLES", samples=64, surface="REFRACTION")
     glass = scenes.glass(shape="CYLINDER", ior=1.0001)
     moving = {"wall": [wall], "camera": [eyes], "glass": [glass], "all": [wall, eyes, glass]}
     for obj in moving[mover]:
-        _move(obj, "location", (0.04 if obj is eyes else 0.05, 0.0, 0.0))
+        _move(obj, "location", (-0.05 if obj is eyes else 0.05, 0.0, 0.0))
     scene.frame_set(2)
     through = scenes.picture(scene, tmp_path, "through")
     assert _problems(scene) == []
@@ -241,10 +241,12 @@ def test_through_a_glass_that_hardly_refracts_motion_is_blurred_as_without(tmp_p
     direct = scenes.picture(scene, tmp_path, "direct")
     scene.render.use_motion_blur = False
     sharp = scenes.picture(scene, tmp_path, "sharp")
-    off = np.abs(through - direct)[covered][:, :3]
-    assert off.mean() < 0.03
-    if mover != "glass":
-        assert off.mean() < 0.35 * np.abs(sharp - direct)[covered][:, :3].mean()
+    # The wall's stripes are upright: along them noise is averaged out.
+    within = covered[12:36].all(axis=0)
+    columns = [p[12:36, within, :3].mean(axis=0) for p in (through, direct, sharp)]
+    off, blur = (np.abs(columns[1] - other).mean() for other in (columns[0], columns[2]))
+    assert within.sum() > 10 and off < 0.015
+    assert mover == "glass" or off < 0.15 * blur
 
 
 def test_a_frame_with_motion_blur_is_the_same_alone(tmp_path):
