@@ -66,6 +66,12 @@ class Shutter:
             for moment in self.moments
         )
 
+    @property
+    def is_still(self) -> bool:
+        """Whether nothing moves at all."""
+        stands = (moment.view.stamp() == self.own.view.stamp() for moment in self.moments)
+        return self.moves_camera_alone and all(stands)
+
     def at(self, part: float) -> Moment:
         """Where all stands when a part of the time that the shutter is open has gone by."""
         time = self.opens + part * (self.closes - self.opens)

@@ -382,6 +382,8 @@ def finish(scene: bpy.types.Scene) -> None:
     if exposure is None or not exposure.moments:
         return
     shutter = exposure.frame.shutter.with_moments(exposure.moments)
+    if shutter.is_still:
+        return
     frame = replace(exposure.frame, shutter=shutter)
     result = expose(frame, _casters(scene), _kept(scene), exposure.placed)
     check()

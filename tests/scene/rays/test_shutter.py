@@ -94,7 +94,7 @@ def test_beyond_the_moments_that_are_known_all_stands_where_the_last_has_it():
     alone = Shutter(0.5, 1.5, moments[1], (moments[1],))
     assert alone.at(0.9) is moments[1] and alone.moves_camera_alone
     moving = alone.with_moments([replace(moments[1], time=1.5, view=moments[2].view)])
-    assert moving.moves_camera_alone
+    assert moving.moves_camera_alone and alone.is_still and not moving.is_still
 
 
 def test_a_mesh_is_between_its_moments_and_one_that_changes_stays_the_frames():
