@@ -343,7 +343,6 @@ class Baking:
             for time in _moments(scene, frame):
                 # The handler of frame changes hands it on.
                 frame_set(int(time // 1), time % 1)
-            door.finish(scene)
         finally:
             under_way.add(scene.session_uid)
 
