@@ -107,6 +107,8 @@ class Maker:
         for number in range(int(self.random.integers(1, 3))):
             self._lamp(scene, number)
         self._camera(scene)
+        if self.chance(0.2):
+            self._motion(scene)
         return scene
 
     def _world(self, scene: bpy.types.Scene) -> None:
@@ -277,6 +279,24 @@ class Maker:
             dof.use_dof, dof.focus_distance = True, towards.length * self.number(0.5, 1.5)
             dof.aperture_fstop, dof.aperture_blades = self.number(0.8, 4.0), self.random.integers(8)
             self.notes.append("depth of field")
+
+    def _motion(self, scene: bpy.types.Scene) -> None:
+        """Let some of all that there is pass at an even pace, and turn."""
+        scene.render.use_motion_blur = True
+        for obj in [o for o in scene.objects if o.type in {"MESH", "CAMERA"}]:
+            if not self.chance(0.4):
+                continue
+            reach = 0.01 if obj.type == "CAMERA" else 0.04
+            for path, most in (("location", reach), ("rotation_euler", 2.0 * reach)):
+                middle, way = np.array(getattr(obj, path)), np.array(self.numbers(-most, most))
+                for frame in (0, 2):
+                    setattr(obj, path, middle + (frame - 1) * way)
+                    obj.keyframe_insert(path, frame=frame)
+            curves = obj.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+            for key in (key for curve in curves for key in curve.keyframe_points):
+                key.interpolation = "LINEAR"
+            self.notes.append(f"{obj.name} moves")
+        scene.frame_set(1)
 
 
 def blurred(picture: np.ndarray) -> np.ndarray:
