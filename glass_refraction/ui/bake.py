@@ -11,6 +11,7 @@ from ..scene.bake.files import Contents, frame_ranges, geometry_bytes
 from ..scene.bake.playback import baked
 from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
+from ..viewport.jobs import is_rendering
 from . import staying
 from .stepwise import Steps, Stepwise
 
@@ -41,7 +42,7 @@ class SCENE_OT_refractive_glass_bake(Stepwise, bpy.types.Operator):
 
     def _steps(self, context: bpy.types.Context) -> Steps:
         scene = context.scene
-        if bpy.app.is_job_running("RENDER"):
+        if is_rendering():
             raise RefractiveGlassError("A render is running: bake when it has ended")
         baking = Baking(
             scene,
@@ -82,7 +83,7 @@ class SCENE_OT_refractive_glass_bake_free(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return baked(context.scene) is not None
+        return baked(context.scene) is not None and not is_rendering()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene
