@@ -13,6 +13,7 @@ from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
 from ..viewport.jobs import is_rendering
 from . import staying
+from .lines import draw_lines
 from .stepwise import Steps, Stepwise
 
 
@@ -112,14 +113,13 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row.operator(SCENE_OT_refractive_glass_bake.bl_idname, text="Bake")
     row.operator(SCENE_OT_refractive_glass_bake_free.bl_idname, text="Free")
     if bake is not None:
-        column.label(text=f"Baked frames {bake.frames} in {bake.directory}", icon="FREEZE")
-        column.label(text="Changes are not seen until it is baked again or freed")
+        text = f"Baked frames {bake.frames} in {bake.directory}"
+        draw_lines(column, context, text, "FREEZE")
+        draw_lines(column, context, "Changes are not seen until it is baked again or freed", "INFO")
         if not bake.first <= scene.frame_current <= bake.last:
             nearest = min(max(scene.frame_current, bake.first), bake.last)
-            column.label(
-                text=f"Frame {scene.frame_current} shows frame {nearest}: it is not baked",
-                icon="ERROR",
-            )
+            text = f"Frame {scene.frame_current} shows frame {nearest}: it is not baked"
+            draw_lines(column, context, text, "ERROR")
 
 
 register, unregister = staying.classes(
