@@ -162,3 +162,12 @@ def test_what_is_baked_is_told_in_lines_that_fit(monkeypatch):
     shown = Layout()
     bake.draw(shown, bpy.context)
     assert "Frame 1 shows frame 2" in " ".join(shown.drawn)
+
+
+def test_a_mesh_whose_faces_a_view_hides_is_told_to_be_unchecked():
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.refractive_glass_modifier_add()
+    said = "Switch Refracted Picture off"
+    assert said not in " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
+    write_input(glass_modifier(bpy.context.object), "Edges in Viewport", True)
+    assert said in " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
