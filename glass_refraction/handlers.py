@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial, wraps
 
 import bpy
@@ -169,20 +170,27 @@ _RELEVANT = (
 )
 
 
+def _show_own(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """What a render draws of an own scene. Raises :class:`Stopped`."""
+    tell("rendering what else is seen in the glass")
+    user = user_scene_of(scene)
+    if own(scene, true.CAPTURE) or own(scene, true.SKY):
+        _computed(user, door.finish)
+        true.ease_world(depsgraph)
+    if own(scene, "displaced") and scene.render.use_motion_blur:
+        if user is not None:
+            motion_blur.show_moment(user, motion_blur.frame_time(scene))
+
+
 @persistent
 def _on_frame_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     global _own_rendered
     if own(scene):
         _own_rendered = True
         if depsgraph.mode == "RENDER":
-            tell("rendering what else is seen in the glass")
-            if own(scene, true.CAPTURE) or own(scene, true.SKY):
-                _computed(user_scene_of(scene), door.finish)
-                true.ease_world(depsgraph)
-        if own(scene, "displaced") and depsgraph.mode == "RENDER" and scene.render.use_motion_blur:
-            user = user_scene_of(scene)
-            if user is not None:
-                motion_blur.show_moment(user, motion_blur.frame_time(scene))
+            # Blender knows of Esc as well and ends the render.
+            with suppress(Stopped):
+                _show_own(scene, depsgraph)
         return
     changes.note(scene, depsgraph)
     if depsgraph.mode != "RENDER":

@@ -11,7 +11,9 @@ from ..scene.bake.files import Contents, frame_ranges, geometry_bytes
 from ..scene.bake.playback import baked
 from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
+from ..viewport.jobs import is_rendering
 from . import staying
+from .lines import draw_lines
 from .stepwise import Steps, Stepwise
 
 
@@ -41,7 +43,7 @@ class SCENE_OT_refractive_glass_bake(Stepwise, bpy.types.Operator):
 
     def _steps(self, context: bpy.types.Context) -> Steps:
         scene = context.scene
-        if bpy.app.is_job_running("RENDER"):
+        if is_rendering():
             raise RefractiveGlassError("A render is running: bake when it has ended")
         baking = Baking(
             scene,
@@ -82,7 +84,7 @@ class SCENE_OT_refractive_glass_bake_free(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return baked(context.scene) is not None
+        return baked(context.scene) is not None and not is_rendering()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene
@@ -111,14 +113,13 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row.operator(SCENE_OT_refractive_glass_bake.bl_idname, text="Bake")
     row.operator(SCENE_OT_refractive_glass_bake_free.bl_idname, text="Free")
     if bake is not None:
-        column.label(text=f"Baked frames {bake.frames} in {bake.directory}", icon="FREEZE")
-        column.label(text="Changes are not seen until it is baked again or freed")
+        text = f"Baked frames {bake.frames} in {bake.directory}"
+        draw_lines(column, context, text, "FREEZE")
+        draw_lines(column, context, "Changes are not seen until it is baked again or freed", "INFO")
         if not bake.first <= scene.frame_current <= bake.last:
             nearest = min(max(scene.frame_current, bake.first), bake.last)
-            column.label(
-                text=f"Frame {scene.frame_current} shows frame {nearest}: it is not baked",
-                icon="ERROR",
-            )
+            text = f"Frame {scene.frame_current} shows frame {nearest}: it is not baked"
+            draw_lines(column, context, text, "ERROR")
 
 
 register, unregister = staying.classes(

@@ -26,6 +26,7 @@ from ..scene.read.modifier_inputs import write_input
 from ..scene.read.orientation import orientation_of, turn_all, turn_outwards
 from ..scene.read.profile_curves import form_profile, turned_profile
 from . import staying
+from .lines import draw_lines
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
 from .overlay import show_first_glass
 from .stepwise import Steps, Stepwise
@@ -387,7 +388,8 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
 
     def draw(self, context: bpy.types.Context) -> None:
         if self.is_turned and self.shape == "MESH":
-            self.layout.label(text="The mesh is turned: Revolution takes its profile", icon="INFO")
+            text = _iface("The mesh is turned: Revolution takes its profile")
+            draw_lines(self.layout, context, text, "INFO")
         GlassProperties.draw(self, context)
 
     def _problem_of(self, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> str | None:

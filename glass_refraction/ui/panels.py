@@ -209,6 +209,8 @@ def _draw_mesh(
     mesh = evaluated.data
     if not len(mesh.polygons):
         # While a 3D view draws what is seen through it, there are only edges.
+        text = _iface("Switch Refracted Picture off to see here whether the mesh is a whole glass")
+        draw_lines(layout, context, text, "INFO")
         return
     key = evaluated.session_uid
     state = (changes.shape_generation(evaluated), len(mesh.vertices), len(mesh.loops))

@@ -6,7 +6,7 @@ What Blender prints is looked through as well: a traceback fails all of it.
 
 import pytest
 
-PARTS = ("computed", "drawn", "again", "animated", "compared", "baked", "shown")
+PARTS = ("computed", "drawn", "again", "animated", "compared", "composited", "baked", "shown")
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +47,11 @@ def test_what_buttons_hold_stays_until_no_engine_reads_the_scene(found):
 
 def test_a_comparison_ends_when_its_render_has(found):
     assert found["compared"]["running"]
+
+
+def test_what_the_compositor_works_with_stays(found):
+    """It crashed where a file was saved, or the extension disabled, while it worked."""
+    assert found["composited"]["running"] == [True, True]
 
 
 def test_a_bake_is_cancelled(found):

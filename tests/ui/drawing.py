@@ -29,6 +29,8 @@ class Layout:
         self.drawn.append("---")
 
     def label(self, text="", **_):
+        # `draw_lines` wraps sentences; where there is no region, to fewer letters than these.
+        assert len(text) < 60, f"Blender cuts it off: {text}"
         self.drawn.append(text)
 
     def menu(self, name, **_):

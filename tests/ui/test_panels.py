@@ -4,6 +4,7 @@
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from glass_refraction.scene import update as door
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.modifier_inputs import write_input
-from glass_refraction.ui import menus, operators, panels, presets
+from glass_refraction.ui import bake, menus, operators, panels, presets
 
 sys.path.insert(0, str(Path(__file__).parent))
 from drawing import Layout, labels_of
@@ -153,3 +154,20 @@ def test_words_of_developers_are_folded_away():
     said.update(label for label in menu.drawn if not label.startswith("VIEW3D"))
     assert [text for text in said if DEVELOPERS.search(text)] == []
     assert DEVELOPERS.search(" ".join(labels_of(panels.RENDER_PT_refractive_glass_status)))
+
+
+def test_what_is_baked_is_told_in_lines_that_fit(monkeypatch):
+    told = SimpleNamespace(frames="1-24", directory="//" + 9 * "long/", first=2, last=24)
+    monkeypatch.setattr(bake, "baked", lambda _scene: told)
+    shown = Layout()
+    bake.draw(shown, bpy.context)
+    assert "Frame 1 shows frame 2" in " ".join(shown.drawn)
+
+
+def test_a_mesh_whose_faces_a_view_hides_is_told_to_be_unchecked():
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.refractive_glass_modifier_add()
+    said = "Switch Refracted Picture off"
+    assert said not in " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
+    write_input(glass_modifier(bpy.context.object), "Edges in Viewport", True)
+    assert said in " ".join(labels_of(panels.OBJECT_PT_refractive_glass))

@@ -74,6 +74,20 @@ def test_esc_stops_the_next_cast_and_the_next_picture_is_the_same(scene, monkeyp
     assert door.memory_of(scene).last == []
 
 
+def test_esc_while_the_engine_draws_prints_no_error(scene, capfd):
+    def pressed(drawn, *_):
+        if "refractive_glass" in drawn:
+            progress.ask_to_stop()
+            seen.append(drawn.name)
+
+    seen, listed = [], bpy.app.handlers.frame_change_post
+    listed.insert(0, pressed)
+    bpy.ops.render.render()
+    listed.remove(pressed)
+    assert seen
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
 def test_esc_counts_for_its_own_render_only(scene):
     progress.ask_to_stop()
     bpy.ops.render.render()

@@ -195,6 +195,32 @@ def compared():
     yield from rest("compared")
 
 
+def save():
+    bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "saved.blend"))
+
+
+def composited():
+    """Blender's compositor works on a render's picture once more, from what the extension made."""
+    scene = fresh(size=(480, 270))
+    yield from prepared(scene)
+    invoke(bpy.ops.render.render)
+    yield from ended()
+    area = next(a for a in bpy.context.window.screen.areas if a.type == "OUTLINER")
+    area.ui_type = "IMAGE_EDITOR"
+    area.spaces.active.image = bpy.data.images["Render Result"]
+    yield 0.2
+    result["composited"] = {"running": []}
+    for leave in (save, disable):
+        # What a saved file does not hold is made anew: the tree has changed.
+        save()
+        yield from until(lambda: bpy.app.is_job_running("COMPOSITE"), 20)
+        result["composited"]["running"].append(bpy.app.is_job_running("COMPOSITE"))
+        leave()
+        yield from until(lambda: not bpy.app.is_job_running("COMPOSITE"), 60)
+    yield from rest("composited")
+    area.ui_type = "OUTLINER"
+
+
 def baked():
     scene = fresh(shading="DISPLACED")
     scene.frame_start, scene.frame_end = 1, 40
@@ -236,6 +262,7 @@ def steps():
     yield from enabled_again()
     yield from animated()
     yield from compared()
+    yield from composited()
     yield from baked()
     yield from shown()
 
