@@ -246,7 +246,7 @@ class FinerRays:
     @property
     def factor(self) -> np.ndarray:
         """(K',) of the ways that stay, when all further rays are known."""
-        return self._factor(self._known)
+        return self._factor(slice(None))[self._known]
 
     @property
     def dark(self) -> np.ndarray:

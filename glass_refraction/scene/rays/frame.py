@@ -357,10 +357,10 @@ def _followed(
     if is_blurred:
         part = replace(direct.lens, radius=PART_OF_LENS * direct.lens.radius)
         views[sharp] = replace(direct, lens=part)
-    stay = len(finer.kept)
-    found.weight[:stay] *= finer.factor
-    found.colour[:stay] *= finer.factor[:, None]
-    found.most[:stay] *= finer.factor
+    stay, factor = len(finer.kept), finer.factor
+    found.weight[:stay] *= factor
+    found.colour[:stay] *= factor[:, None]
+    found.most[:stay] *= factor
     off_edges(scene, views, found.view, found.place, frame.things.surfaces(found.triangle))
     dark = finer.dark
     some = np.flatnonzero(dark)
@@ -415,7 +415,7 @@ def _lookups(
         shows, through a part of the lens.
     """
     coarse, shown, beside = centres.pop()
-    counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
+    counts.append(np.count_nonzero(np.bincount(coarse.ways.ray[finer.kept])))
     stay = np.intersect1d(polished(scene, coarse.ways, shown), finer.kept)
     amended = _amended(frame, scene, views, follower, coarse.ways, shown, stay)
     for rows in blocks_of(len(finer.kept)):
@@ -436,7 +436,7 @@ def _lookups(
     for parts, is_of_lens in ((finer.parts(), False), (finer.lens_parts(), True)):
         for rays in parts:
             ways, pixel = rays.ways, _window_pixels(rays.pixel[rays.ways.ray], frame.view)
-            counts.append(len(np.unique(ways.ray)))
+            counts.append(np.count_nonzero(np.bincount(ways.ray)))
             shown, share = show(scene, views, ways), rays.share[ways.ray]
             rows = polished(scene, ways, shown)
             for lookups_of in _amended(frame, scene, views, follower, ways, shown, rows):
@@ -575,9 +575,10 @@ def _summed(
     colour = radiance * lookups.colour[known] * lookups.share[known, None]
     opaque = (view_number[known] == KNOWN) & ~lookups.clear[known]
     opaque = (opaque * weight[known])[:, None] * np.ones(3)
-    packed = PackedPixels(np.unique(np.concatenate((pixel, rays.lit_pixel))))
     width, height = _window_size(frame.view)
     covering = np.bincount(pixel, weight, width * height)
+    brought = np.bincount(np.concatenate((pixel, rays.lit_pixel)))
+    packed = PackedPixels(np.flatnonzero(brought))
     covering += np.bincount(rays.dark_pixel, rays.dark, width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
     samples, parts, weights, reports, curtains = [], [], [], [], []
