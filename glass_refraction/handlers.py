@@ -177,9 +177,8 @@ def _show_own(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if own(scene, true.CAPTURE) or own(scene, true.SKY):
         _computed(user, door.finish)
         true.ease_world(depsgraph)
-    if own(scene, "displaced") and scene.render.use_motion_blur:
-        if user is not None:
-            motion_blur.show_moment(user, motion_blur.frame_time(scene))
+    if own(scene, "displaced") and scene.render.use_motion_blur and user is not None:
+        motion_blur.show_moment(user, motion_blur.frame_time(scene))
 
 
 @persistent

@@ -88,7 +88,7 @@ def light_maps(
     for number, view in enumerate(views):
         if view is not None and not view.sky_only:
             used = looked_up(view, places[number]) if number else None
-            seen[number] = _seen(view, used, scene, caster)
+            seen[number] = _seen(view, used, scene, is_lamp)
     names = {emitter.name for emitter in settings.emitters}
     kept.lamps = {name: known for name, known in kept.lamps.items() if name in names}
     for emitter in settings.emitters:
@@ -109,19 +109,25 @@ def _shape(view: RadianceView | None) -> tuple[int, int, int]:
     return y1 - y0, x1 - x0, 3
 
 
-def _seen(view: RadianceView, used, scene: Scene, caster: Past) -> Seen:
-    """What the middles of a picture's pixels show, of those that are looked up."""
+def _seen(view: RadianceView, used, scene: Scene, is_lamp: np.ndarray) -> Seen:
+    """What the middles of a picture's pixels show, of those that are drawn and looked up.
+
+    ``is_lamp``: (T,) which triangles are lamps'; no light is added to them.
+    """
     check()
     x0, y0, x1, y1 = view.picture
-    y, x = np.divmod(np.arange((x1 - x0) * (y1 - y0)), x1 - x0)
-    x, y = x + x0, y + y0
-    pixel = (
-        np.arange(len(x)) if used is None else np.flatnonzero(used[y // BLOCK_PX, x // BLOCK_PX])
-    )
-    origins, directions = view.rays(np.stack((x[pixel] + 0.5, y[pixel] + 0.5), axis=1))
-    way, triangle = caster.cast(origins, directions)
-    met = np.flatnonzero(triangle >= 0)
-    origins, directions = origins[met], directions[met]
+    drawn = np.zeros((y1, x1), bool)
+    left, low, right, top = view.region
+    drawn[low:top, left:right] = True
+    if used is not None:
+        drawn &= used.repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)[:y1, :x1]
+    y, x = np.nonzero(drawn[y0:, x0:])
+    pixel = y * (x1 - x0) + x
+    place = np.stack((x + x0, y + y0), axis=1)
+    # Most are known: of the last frame, and of hits that were looked for.
+    triangle, way = scene.sketch(view).met(place)
+    met = np.flatnonzero((triangle >= 0) & ~is_lamp[triangle])
+    origins, directions = view.rays(place[met] + 0.5)
     normal = scene.normals[triangle[met]]
     side = np.sign(np.einsum("nk,nk->n", normal, directions))
     points = origins + way[met, None] * directions

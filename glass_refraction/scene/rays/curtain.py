@@ -35,10 +35,14 @@ def looked_up(view: RadianceView, pixels: np.ndarray) -> np.ndarray:
     columns, rows = -(-width // BLOCK_PX), -(-height // BLOCK_PX)
     used = np.zeros((rows, columns), bool)
     flat = used.ravel()
+    # Of all places in a pixel one look is enough.
+    x, y = (np.clip(part, 0, most - 1) for part, most in zip(pixels.T, view.size, strict=True))
+    cells = np.bincount(y.astype(np.intp) * width + x.astype(np.intp))
+    pixels = np.stack(np.divmod(np.flatnonzero(cells), width)[::-1], axis=1)
     # A block is no wider than what is reached: its neighbours count by the reach's ends.
     shifts = (-REACH_PX, 0, REACH_PX)
     x, y = (
-        [np.clip((part + d) // BLOCK_PX, 0, count - 1).astype(np.intp) for d in shifts]
+        [np.clip((part + d) // BLOCK_PX, 0, count - 1) for d in shifts]
         for part, count in zip(pixels.T, (columns, rows), strict=True)
     )
     for row in y:

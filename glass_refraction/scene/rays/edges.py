@@ -72,16 +72,17 @@ def _moved(seen: _Seen, view: RadianceView, pixels: np.ndarray, surface: np.ndar
     dazzled = seen.at(seen.is_dazzled, cell[left])
     left = np.concatenate((left[~dazzled], look(left[dazzled], FARTHER)))
     near = np.setdiff1d(near, left, assume_unique=True)
-    moved = pixels.copy()
-    moved[near] += found[near] - cell[near]
+    there = found[near]
+    moved = pixels[near] + (there - cell[near])
     for axis in range(2):
-        middle = found[near, axis] + seen.origin[axis] + 0.5
-        below, above = (seen.at(side, found[near]) for side in seen.borders[axis])
-        place = moved[near, axis]
+        middle = there[:, axis] + seen.origin[axis] + 0.5
+        below, above = (seen.at(side, there) for side in seen.borders[axis])
+        place = moved[:, axis]
         place = np.where(above & ~below, np.minimum(place, middle), place)
-        moved[near, axis] = np.where(below & ~above, np.maximum(place, middle), place)
+        moved[:, axis] = np.where(below & ~above, np.maximum(place, middle), place)
     low, high = np.array(view.region[:2]), np.array(view.region[2:])
-    return np.clip(moved, low + 0.5, high - 0.5)
+    pixels[near] = np.clip(moved, low + 0.5, high - 0.5)
+    return pixels
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,10 +130,11 @@ class Block(NamedTuple):
         block = self._replace(ways=ways)
         if not (len(boxes) and len(ways)):
             return block
-        margin += NEAR * np.abs(ways.origin).max()
+        largest = np.abs(ways.origin).max()
+        margin += NEAR * largest
         # What ends nowhere ends beyond all boxes.
-        bounds = np.concatenate((boxes.corners().reshape(-1, 3), ways.origin))
-        way = np.minimum(ways.distance, np.linalg.norm(np.ptp(bounds, axis=0)))
+        beyond = 2.0 * (largest + np.abs(boxes.corners()).max())
+        way = np.minimum(ways.distance, beyond)
         end = ways.origin + way[:, None] * ways.direction
         again = boxes.touched(margin, ways.origin, end)
         if apart:
@@ -498,11 +499,11 @@ class Follower:
         for number in range(MOST_LAMPS):
             rows = np.flatnonzero(~last.is_sky)
             rows = rows[self._is_lamp[self.things.surface[last.triangle[rows]]]]
-            point = last.point[rows]
-            rows = rows[((point < low) | (point > high)).any(axis=1)]
+            last = last.take(rows)
+            outside = ((last.point < low) | (last.point > high)).any(axis=1)
+            rows, last = rows[outside], last.take(np.flatnonzero(outside))
             if not len(rows):
                 break
-            last = last.take(rows)
             begin = last.point + self._skin * last.direction
             distance, triangle = self._beyond.cast(begin, last.direction)
             path = way_codes(np.full(len(rows), 1 + number), last.path) & ~1 | last.path & 1

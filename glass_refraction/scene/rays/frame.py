@@ -266,13 +266,15 @@ def _followed(
     del beside, coarse, ends, glints, shown, centres
     found = joined(Lookups, parts)
     views = placed.with_twin(stage.direct)
-    stay = len(finer.kept)
-    found.weight[:stay] *= finer.factor
-    found.colour[:stay] *= finer.factor[:, None]
-    found.most[:stay] *= finer.factor
-    unmet = np.isin(found.pixel, _window_pixels(np.flatnonzero(finer.unmet), view))
-    for part in (found.weight, found.share, found.most):
-        part[unmet] = 0.0
+    stay, factor = len(finer.kept), finer.factor
+    found.weight[:stay] *= factor
+    found.colour[:stay] *= factor[:, None]
+    found.most[:stay] *= factor
+    unmet = np.flatnonzero(finer.unmet)
+    if len(unmet):
+        rows = np.isin(found.pixel, _window_pixels(unmet, view))
+        for part in (found.weight, found.share, found.most):
+            part[rows] = 0.0
     off_edges(scene, views, found.view, found.place, frame.things.surfaces(found.triangle))
     dark = finer.dark
     some = np.flatnonzero(dark)
@@ -326,7 +328,7 @@ def _lookups(
     """
     coarse, shown, beside = centres.pop()
     views = placed.views
-    counts.append(len(np.unique(coarse.ways.ray[finer.kept])))
+    counts.append(np.count_nonzero(np.bincount(coarse.ways.ray[finer.kept])))
     stay = np.intersect1d(polished(scene, coarse.ways, shown), finer.kept)
     amended = _amended(frame, scene, views, follower, coarse.ways, shown, stay)
     for rows in blocks_of(len(finer.kept)):
@@ -347,7 +349,7 @@ def _lookups(
     for parts, are_blurred in ((finer.parts(), False), (blurred, True)):
         for rays in parts:
             ways, pixel = rays.ways, _window_pixels(rays.pixel[rays.ways.ray], frame.view)
-            counts.append(len(np.unique(ways.ray)))
+            counts.append(np.count_nonzero(np.bincount(ways.ray)))
             shown, share = show(scene, views, ways), rays.share[ways.ray]
             rows = polished(scene, ways, shown)
             for lookups_of in _amended(frame, scene, views, follower, ways, shown, rows):
@@ -412,9 +414,10 @@ def _summed(frame: FrameInput, stage: Stage, placed: Placed, rays: Rays) -> Fram
     colour = radiance * lookups.colour[known] * lookups.share[known, None]
     opaque = (view_number[known] == KNOWN) & ~lookups.clear[known]
     opaque = (opaque * weight[known])[:, None] * np.ones(3)
-    packed = PackedPixels(np.unique(np.concatenate((pixel, rays.lit_pixel))))
     width, height = _window_size(frame.view)
     covering = np.bincount(pixel, weight, width * height)
+    brought = np.bincount(np.concatenate((pixel, rays.lit_pixel)))
+    packed = PackedPixels(np.flatnonzero(brought))
     covering += np.bincount(rays.dark_pixel, rays.dark, width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
     samples, parts, weights, reports, curtains = [], [], [], [], []

@@ -14,7 +14,7 @@ from .columns import Columns, joined
 from .sketches import Sketch, Sketches
 from .sky import Sky
 from .things import Met, Things
-from .views import WIDEST, RadianceView, aimed_view, squares, virtual_eye, weighted_median
+from .views import WIDEST, RadianceView, aimed_view, quantiles, squares, virtual_eye
 
 UNSEEN, KNOWN = -1, -2
 """In place of a view's number: no view shows the hit; its radiance is known without one."""
@@ -169,6 +169,7 @@ class Scene:
     caster : of what light meets that leaves a glass: of lamps it passes what is dark for it, of
         what an image cuts out the holes.
     eyes : of what cameras show: lamps are hidden from most.
+    normals : (T + 1, 3) unit vectors of the triangles, and 0: the sky's, by its number −1.
     is_paned : captures look through a pane: something looks otherwise to cameras.
     """
 
@@ -187,14 +188,15 @@ class Scene:
         a, b, c = (things.points[things.triangles[:, k]] for k in range(3))
         normals = np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        self.normals = normals / np.where(length > 0.0, length, 1.0)
+        self.normals = np.append(normals / np.where(length > 0.0, length, 1.0), np.zeros((1, 3)), 0)
         looks = things.looks
-        self._is_lamp = np.array([look.is_lamp for look in looks], bool)
-        self._is_glossy = np.array([look.is_glossy for look in looks], bool)
-        self._is_hole = np.array([look.is_hole for look in looks], bool)
-        self._is_hidden = np.array([look.is_hidden for look in looks], bool)
-        self._is_uncaptured = np.array([look.is_uncaptured for look in looks], bool)
-        self._is_captured = np.array([look.is_of_cameras for look in looks], bool)
+        # The sky is the last, by its number −1.
+        self._is_lamp = np.array([*(look.is_lamp for look in looks), False], bool)
+        self._is_glossy = np.array([*(look.is_glossy for look in looks), False], bool)
+        self._is_hole = np.array([*(look.is_hole for look in looks), True], bool)
+        self._is_hidden = np.array([*(look.is_hidden for look in looks), False], bool)
+        self._is_uncaptured = np.array([*(look.is_uncaptured for look in looks), False], bool)
+        self._is_captured = np.array([*(look.is_of_cameras for look in looks), False], bool)
         self.is_paned = self._is_captured.any()
         self._is_cut = np.array([look.cutout is not None or look.faces for look in looks], bool)
         varies = self._is_lamp.any() or self._is_cut.any()
@@ -209,7 +211,7 @@ class Scene:
         """
         surface = self.things.surface[met.triangle]
         there = np.ones(len(surface), bool)
-        for number in np.unique(surface[(self._is_lamp | self._is_cut)[surface]]):
+        for number in np.unique(surface[(self._is_lamp[:-1] | self._is_cut)[surface]]):
             here = np.flatnonzero(surface == number)
             look, found = self.things.looks[number], met.take(here)
             sides = self.normals[found.triangle], found.direction
@@ -227,9 +229,9 @@ class Scene:
 
     def is_known(self, ways: Ways) -> np.ndarray:
         """(K,) whose light is known without a view: lamps, a sky of one colour, and none."""
-        known = ways.is_sky & (self.sky.radiance is not None)
-        some = np.flatnonzero(~ways.is_sky)
-        known[some] = self._is_lamp[self.things.surface[ways.triangle[some]]]
+        known = self._is_lamp.take(self.things.surfaces(ways.triangle))
+        if self.sky.radiance is not None:
+            known |= ways.is_sky
         red, green, blue = ways.colour.T
         dark = (red == 0.0) & (green == 0.0) & (blue == 0.0)
         return known | self.is_clear(ways) | dark
@@ -239,35 +241,27 @@ class Scene:
 
         So does a lamp: what is behind it is there beside it.
         """
-        hole = ways.is_sky
-        some = np.flatnonzero(~hole)
-        surface = self.things.surface[ways.triangle[some]]
-        hole[some] = self._is_hole[surface] | self._is_lamp[surface]
+        if not self.sky.is_cut_out:
+            return np.zeros(len(ways), bool)
+        hole = (self._is_hole | self._is_lamp).take(self.things.surfaces(ways.triangle))
         return hole & self.sky.is_clear(ways)
 
     def side(self, ways: Ways) -> np.ndarray:
         """(K,) 1 or -1 for the side of the triangle that ways meet, 0 of the sky."""
-        side, some = np.zeros(len(ways), np.int8), np.flatnonzero(~ways.is_sky)
-        facing = np.einsum("nk,nk->n", ways.direction[some], self.normals[ways.triangle[some]])
-        side[some] = np.where(facing > 0.0, -1, 1)
-        return side
+        normal = self.normals.take(ways.triangle, axis=0)
+        facing = np.einsum("nk,nk->n", ways.direction, normal)
+        side = np.where(facing > 0.0, np.int8(-1), np.int8(1))
+        return np.where(ways.is_sky, np.int8(0), side)
 
     def hits(self, ways: Ways) -> Hits:
         """The hits of ways."""
-        count = len(ways)
-        normal, marks = np.zeros((count, 3)), np.zeros((3, count), bool)
-        some = np.flatnonzero(~ways.is_sky)
-        triangle = ways.triangle[some]
-        normal[some] = self.normals[triangle]
-        surface = self.things.surface[triangle]
-        for mark, of_looks in zip(
-            marks, (self._is_glossy, self._is_uncaptured, self._is_captured), strict=True
-        ):
-            mark[some] = of_looks[surface]
+        normal = self.normals.take(ways.triangle, axis=0)
+        surface = self.things.surfaces(ways.triangle)
+        marks = self._is_glossy, self._is_uncaptured, self._is_captured
         facing = np.einsum("nk,nk->n", ways.direction, normal)
         side, sine = np.sign(facing), np.abs(facing)
         known = ways.point, ways.direction, ways.triangle, normal, side, sine
-        return Hits(*known, *marks)
+        return Hits(*known, *(mark.take(surface) for mark in marks))
 
     def worth(self, view: RadianceView, hits: Hits, direct: bool) -> tuple[np.ndarray, np.ndarray]:
         """How well a view shows each hit (K,), 0 where it lies outside, and its pixels there."""
@@ -513,19 +507,22 @@ def _best_capture(
     groups = [np.flatnonzero(kind == k) for k in np.argsort(-light, kind="stable")[:KINDS]]
     groups.append(np.arange(len(ways)))
     groups = [group[judged(len(group), TRIED)] for group in groups]
-    parts = [ways.take(group) for group in groups]
-    some = parts[-1]
-    tried = [(virtual_eye(p.origin, p.direction, p.weight), p) for p in parts]
+    aims = [(hits.take(group), ways.weight[group]) for group in groups]
+    parts = [(ways.origin[group], ways.direction[group], ways.weight[group]) for group in groups]
+    tried = [(virtual_eye(*part), aim) for part, aim in zip(parts, aims, strict=True)]
     # From where the light leaves the glass it sees what the exit rays see.
-    tried += [(np.average(p.origin, axis=0, weights=p.weight), p) for p in parts]
+    tried += [
+        (np.average(origin, axis=0, weights=weight), aim)
+        for (origin, _, weight), aim in zip(parts, aims, strict=True)
+    ]
+    tried += [(eye, aims[-1]) for eye, aim in tried if aim is not aims[-1]]
+    tried += [(eye, aims[-1]) for eye in (_eye_before(*aim) for aim in aims) if eye is not None]
 
     def gain(quality: np.ndarray) -> float:
         # What lacks counts by its share: ways.weight holds what each lacks already.
         return float((ways.weight * np.maximum(quality - shown, 0.0) / (1.0 - shown)).sum())
 
-    views = [_capture_from(eye, o, direct, aspect, near) for eye, p in tried for o in (p, some)]
-    eyes = [_eye_before(hits.take(group), ways.weight[group]) for group in groups]
-    views += [_capture_from(eye, some, direct, aspect, near) for eye in eyes if eye is not None]
+    views = [_capture_from(eye, *aim, direct, aspect, near) for eye, aim in tried]
     views = [replace(v, is_paned=scene.is_paned) for v in views if v is not None]
     rated = [(v, _quality(scene, v, hits, spacing)) for v in views]
     most = [gain(quality) for _, quality in rated]
@@ -545,7 +542,7 @@ def _best_capture(
     fine = np.flatnonzero((found[1] > 0.0) & np.isfinite(spacing) & ~hits.is_sky)
     if not len(fine):
         return found
-    too_fine = weighted_median(worth[fine] * spacing[fine], ways.weight[fine])
+    (too_fine,) = quantiles(worth[fine] * spacing[fine], ways.weight[fine], 0.5)
     if too_fine <= 1.0:
         return found
     view = found[0].opened(too_fine)
@@ -565,19 +562,23 @@ def _eye_before(hits: Hits, weight: np.ndarray) -> np.ndarray | None:
     return middle + towards * (BACK * reach / length) if length > 0.0 else None
 
 
-def _capture_from(eye, ways: Ways, direct: RadianceView, aspect: float, near: float):
-    """A view from an eye that shows as many of the ways' hits as it can open to."""
-    towards = np.where(ways.is_sky[:, None], ways.direction, ways.point - eye)
-    length = np.linalg.norm(towards, axis=1)
-    usable = length > near
-    if not usable.any():
+def _capture_from(
+    eye, hits: Hits, weight: np.ndarray, direct: RadianceView, aspect: float, near: float
+):
+    """A view from an eye that shows as many hits as it can open to."""
+    point, direction = (np.ascontiguousarray(part.T) for part in (hits.point, hits.direction))
+    towards, sky = point - eye[:, None], np.flatnonzero(hits.is_sky)
+    towards[:, sky] = direction[:, sky]
+    length = np.sqrt(dot(towards, towards))
+    usable = np.flatnonzero(length > near)
+    if not len(usable):
         return None
-    directions = towards[usable] / length[usable, None]
-    weights = ways.weight[usable]
-    view = aimed_view(eye, directions, weights, near, direct, aspect)
+    length = length.take(usable)
+    directions = towards.take(usable, axis=1) / length
+    view = aimed_view(eye, directions.T, weight.take(usable), near, direct, aspect)
     # What stands between the eye and the nearest hit need not be in the way.
-    ahead = dot((directions * length[usable, None]).T, view.forward)
-    ahead = ahead[~ways.is_sky[usable] & (ahead > near)]
+    ahead = dot(directions, view.forward) * length
+    ahead = ahead[~hits.is_sky.take(usable) & (ahead > near)]
     if not len(ahead):
         return view
     nearer = max(near, NEAR_SHARE * float(ahead.min()))

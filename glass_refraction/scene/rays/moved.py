@@ -69,9 +69,9 @@ class Known:
         gone, new = np.flatnonzero(number < 0), np.delete(np.arange(len(other._code)), same)
         # Others have come or gone before some.
         place = _places(self._code[gone], other._code[new])
-        number[gone[place >= 0]] = new[place[place >= 0]]
-        new = new[_places(other._code[new], self._code[gone]) < 0]
-        gone = gone[place < 0]
+        found, gone = gone[place >= 0], gone[place < 0]
+        number[found] = new[place[place >= 0]]
+        new = new[_places(other._code[new], self._code[found]) < 0]
         return Boxes.round(np.concatenate((self.corners[gone], other.corners[new]))), number
 
 
@@ -80,7 +80,7 @@ def _places(codes: np.ndarray, others: np.ndarray) -> np.ndarray:
     if not len(others):
         return np.full(len(codes), -1)
     order = np.argsort(others, kind="stable")
-    found = order[np.minimum(np.searchsorted(others, codes, sorter=order), len(others) - 1)]
+    found = order[np.minimum(np.searchsorted(others[order], codes), len(others) - 1)]
     return np.where(others[found] == codes, found, -1)
 
 
@@ -113,12 +113,11 @@ class Boxes:
         some = some - some.mean(axis=0)
         # The longest axis is the last: a slender thing that leans fills its boxes.
         axes = np.linalg.eigh(some.T @ some)[1].T
-        along = rotated(axes, places.T).T.reshape(-1, 3, 3)
-        order = np.argsort(along[:, 0, 2], kind="stable")
-        runs = np.array_split(along[order].reshape(-1, 9), min(BOXES, len(order)))
-        bounds = [(run.min(axis=0), run.max(axis=0)) for run in runs]
-        low, high = np.moveaxis(np.array(bounds).reshape(-1, 2, 3, 3), 1, 0)
-        return Boxes(axes, np.stack((low.min(axis=1), high.max(axis=1)), axis=1))
+        along = rotated(axes, places.T).reshape(3, -1, 3)
+        order = np.argsort(along[2, :, 0], kind="stable")
+        runs = np.array_split(order, min(BOXES, len(order)))
+        runs = [along.take(run, axis=1).reshape(3, -1) for run in runs]
+        return Boxes(axes, np.array([(run.min(axis=1), run.max(axis=1)) for run in runs]))
 
     def __len__(self) -> int:
         return len(self.bounds)
@@ -134,17 +133,16 @@ class Boxes:
 
         ``margin``: metres by which boxes are larger.
         """
-        begin, end = rotated(self.axes, begin.T).T, rotated(self.axes, end.T).T
         low, high = self.bounds[:, 0].min(axis=0) - margin, self.bounds[:, 1].max(axis=0) + margin
-        found, some = np.zeros(len(begin), bool), slice(None)
+        found, some = np.zeros(len(begin), bool), np.arange(len(begin))
         # Most lie beside all of them.
         for axis in range(3):
-            a, b = begin[some, axis], end[some, axis]
+            a, b = (rotated(self.axes[axis : axis + 1], part.T)[0] for part in (begin, end))
             near = (np.minimum(a, b) <= high[axis]) & (np.maximum(a, b) >= low[axis])
             near = np.flatnonzero(near)
-            some = near if axis == 0 else some[near]
-        place, along = (np.ascontiguousarray(part[some].T) for part in (begin, end))
-        along -= place
+            some, begin, end = (part.take(near, axis=0) for part in (some, begin, end))
+        place = rotated(self.axes, begin.T)
+        along = rotated(self.axes, end.T) - place
         for box in self.bounds:
             met = meets_boxes(box[None], margin, place, along, np.ones(len(some)))
             found[some[met]] = True

@@ -18,7 +18,7 @@ import numpy as np
 from ..progress import check
 
 WIDTH = 2048
-"""Pixels in a row of a packed picture."""
+"""Pixels in a row of a packed picture, a power of 2."""
 LEVELS = 8
 """Of pairwise sums: up to 2⁸ samples a pixel and view."""
 EARLY = 3
@@ -143,12 +143,12 @@ def _halved(owner: np.ndarray):
         nothing = np.zeros(0, np.intp)
         return nothing, nothing, np.zeros(0, np.float32), owner
     begins = np.flatnonzero(np.concatenate(([True], owner[1:] != owner[:-1])))
-    count = np.diff(np.append(begins, len(owner)))
-    rank = np.arange(len(owner)) - np.repeat(begins, count)
-    first = np.flatnonzero(rank % 2 == 0)
-    second = np.minimum(first + 1, len(owner) - 1)
-    both = (second > first) & (owner[second] == owner[first])
-    return first, np.where(both, second, 0), both.astype(np.float32), owner[first]
+    ends = np.append(begins[1:], len(owner))
+    sums = (ends - begins + 1) // 2
+    past = np.cumsum(sums)
+    first = 2 * np.arange(past[-1]) + np.repeat(begins - 2 * (past - sums), sums)
+    both = first + 1 < np.repeat(ends, sums)
+    return first, np.where(both, first + 1, 0), both.astype(np.float32), owner[first]
 
 
 def _rows(count: int) -> int:
@@ -158,8 +158,9 @@ def _rows(count: int) -> int:
 def _places(numbers: np.ndarray, rows: int) -> np.ndarray:
     """Centres (K, 2) of numbered pixels in a packed picture of so many rows, and 1: (K, 3)."""
     out = np.ones((len(numbers), 3), np.float32)
-    out[:, 0] = (numbers % WIDTH + 0.5) / WIDTH
-    out[:, 1] = (numbers // WIDTH + 0.5) / rows
+    row, column = numbers // WIDTH, numbers & WIDTH - 1
+    out[:, 0] = (column + 0.5) / WIDTH
+    out[:, 1] = (row + 0.5) / rows
     return out
 
 

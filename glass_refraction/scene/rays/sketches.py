@@ -81,6 +81,13 @@ class Sketch:
             self.surface[row, column] = self._things.surfaces(triangle)
             self.step[row, column] = STEP * pixel / np.maximum(sine, LEAST_SINE)
 
+    def met(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Triangles (K,) that the middles of pixels (K, 2) meet, and metres (K,) to them."""
+        asked, (column, row) = np.zeros(self.triangle.shape, bool), (pixels - self.origin).T
+        asked[row, column] = True
+        self.look(asked)
+        return self.triangle[row, column], self.far[row, column].astype(float)
+
     def shows(self, pixels: np.ndarray, triangle: np.ndarray, length: np.ndarray):
         """Whether hits are seen, as the four nearest middles tell.
 

@@ -88,10 +88,7 @@ class Things(Triangles):
 
     def surfaces(self, triangle: np.ndarray) -> np.ndarray:
         """(K,) numbers of the looks of triangles (K,); −1 for −1, where none is met."""
-        found = np.full(len(triangle), -1, np.int32)
-        met = np.flatnonzero(triangle >= 0)
-        found[met] = self.surface[triangle[met]]
-        return found
+        return np.append(self.surface, -1).astype(np.int32).take(triangle)
 
     def mapped(self, met: Met) -> np.ndarray:
         """(K, 2) where rays meet triangles with a cutout, on its UV map."""

@@ -20,6 +20,8 @@ MARGIN = 1.04
 
 LEAST_AHEAD = 1e-12
 """Metres before the eye from where on a place is projected."""
+BINS = 256
+"""In which values are sorted before they are put in order."""
 
 
 def squares(vectors: np.ndarray) -> np.ndarray:
@@ -220,20 +222,22 @@ def aimed_view(
     aspect : height of a pixel over its width.
     most : share of the worth that decides how wide it opens.
     """
-    axis = (weights[:, None] * directions).sum(axis=0)
+    directions = np.ascontiguousarray(directions.T)
+    axis = (weights * directions).sum(axis=1)
     length = np.linalg.norm(axis)
-    axis = axis / length if length > 1e-9 else directions[np.argmax(weights)]
+    axis = axis / length if length > 1e-9 else directions[:, np.argmax(weights)]
     up = np.array((0.0, 0.0, 1.0)) if abs(axis[2]) < 0.95 else np.array((0.0, 1.0, 0.0))
     right = np.cross(axis, up)
     right /= np.linalg.norm(right)
     rotation = np.stack((right, np.cross(right, axis), -axis))
-    local = rotated(rotation, directions.T).T
-    ahead = local[:, 2] < -np.cos(WIDEST)
-    slopes = local[ahead, :2] / -local[ahead, 2:]
+    local = rotated(rotation, directions)
+    ahead = np.flatnonzero(local[2] < -np.cos(WIDEST))
+    slopes = local[:2].take(ahead, axis=1) / -local[2].take(ahead)
     bounds = np.array([[-1.0, -1.0], [1.0, 1.0]]) * np.tan(NARROWEST)
-    if len(slopes):
+    if len(ahead):
         for axis_number in range(2):
-            low, high = _quantiles(slopes[:, axis_number], weights[ahead], 1.0 - most)
+            tail = 0.5 * (1.0 - most)
+            low, high = quantiles(slopes[axis_number], weights.take(ahead), tail, 1.0 - tail)
             limit = np.tan(WIDEST)
             low, high = max(low, -limit), min(high, limit)
             middle, half = 0.5 * (low + high), 0.5 * (high - low) * MARGIN
@@ -261,19 +265,21 @@ def aimed_view(
     )
 
 
-def _quantiles(values: np.ndarray, weights: np.ndarray, tail: float) -> tuple[float, float]:
-    """Values below and above which half of the tail's worth lies."""
-    order = np.argsort(values)
-    summed = np.cumsum(weights[order])
-    low, high = np.searchsorted(summed, np.array((0.5 * tail, 1.0 - 0.5 * tail)) * summed[-1])
-    return float(values[order[low]]), float(values[order[min(high, len(order) - 1)]])
-
-
-def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    """The value below which half of the weight lies."""
-    order = np.argsort(values)
-    summed = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(summed, 0.5 * summed[-1])]])
+def quantiles(values: np.ndarray, weights: np.ndarray, *parts: float) -> list[float]:
+    """The values below which parts of the weight lie."""
+    low, found = values.min(), []
+    bins = ((values - low) * (BINS / max(values.max() - low, 1e-300))).astype(np.intp)
+    light = np.bincount(bins, weights)
+    summed = np.cumsum(light)
+    for part in parts:
+        # Only what lies about there is put in order.
+        wanted = part * summed[-1]
+        number = np.searchsorted(summed, wanted)
+        here = np.flatnonzero(bins == number)
+        here = here[np.argsort(values[here])]
+        past = summed[number] - light[number] + np.cumsum(weights[here])
+        found.append(float(values[here[min(np.searchsorted(past, wanted), len(here) - 1)]]))
+    return found
 
 
 def virtual_eye(origins: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import scenes
 from mathutils import Vector
 
 from glass_refraction.scene.rays.true import _aim_camera
-from glass_refraction.scene.rays.views import aimed_view, direct_view, virtual_eye
+from glass_refraction.scene.rays.views import aimed_view, direct_view, quantiles, virtual_eye
 from glass_refraction.scene.read.viewpoint import Lens, border_window, read_viewpoint
 
 
@@ -208,3 +208,14 @@ def test_places_in_a_lens_stand_for_equal_areas(blades):
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=1e-9)
     assert (found**2).sum(axis=1).mean() == pytest.approx(square, rel=1e-3)
     assert np.linalg.norm(found, axis=1).max() <= 2.0
+
+
+@pytest.mark.parametrize("far", [1.0, 1e9])
+def test_quantiles_are_those_of_values_in_order(far):
+    random = np.random.default_rng(5)
+    values, weights = random.normal(size=500), random.integers(0, 4, 500).astype(float)
+    values[7], parts = far, (0.0, 0.01, 0.5, 0.99, 1.0)
+    order = np.argsort(values)
+    summed = np.cumsum(weights[order])
+    expected = values[order[np.searchsorted(summed, np.array(parts) * summed[-1])]]
+    assert quantiles(values, weights, *parts) == pytest.approx(expected, abs=0.0)
