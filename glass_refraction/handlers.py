@@ -28,7 +28,7 @@ from .scene.progress import Stopped, ask_to_stop, go_on, tell
 from .scene.rays import true
 from .scene.read.visibility import any_depsgraph
 from .scene.vertices import motion_blur
-from .viewport.jobs import is_rendering
+from .viewport.jobs import holds_data, is_rendering
 
 REST_SECONDS = 0.3
 """Changes come in bursts (a dragged object, a slider): wait for the last one."""
@@ -37,6 +37,8 @@ LOADED_SECONDS = 0.05
 for the next of keys held down."""
 
 _asked: set[int] = set()
+_aside: list[bpy.types.ID] = []
+"""What the file that is being saved does not hold."""
 _withdrawn: set[int] = set()
 """Scenes that are to be prepared again once the file is saved."""
 _rendering = False
@@ -109,7 +111,7 @@ def _is_in_use() -> bool:
 
 def _renders() -> bool:
     """Whether any render goes on. One that began before the extension was enabled counts too."""
-    return _rendering or is_rendering()
+    return _rendering or holds_data()
 
 
 def _prepare(scene: bpy.types.Scene) -> None:
@@ -325,12 +327,17 @@ def _before_data_replaced(*_) -> None:
 @persistent
 def _on_save(*_) -> None:
     _withdrawn.clear()
-    if not _renders():
-        _withdrawn.update(s.session_uid for s in _users_scenes() if door.withdraw(s))
+    if not (_rendering or is_rendering()):
+        for scene in _users_scenes():
+            if find_own_scenes(scene):
+                _withdrawn.add(scene.session_uid)
+                _aside.extend(door.set_aside(scene, rendering=_renders()))
 
 
 @persistent
 def _on_saved(*_) -> None:
+    door.put_back(_aside)
+    _aside.clear()
     for scene in _users_scenes():
         if scene.session_uid in _withdrawn:
             _prepare(scene)

@@ -15,7 +15,7 @@ the rest.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 
 import bpy
 import numpy as np
@@ -23,10 +23,10 @@ import numpy as np
 from .bake.playback import bake_problems, is_held
 from .build.compositor import can_insert, remove_group, remove_stray_nodes, shown_scenes
 from .build.own_scenes import find_own_scenes, remove_leftovers, remove_own_scenes
-from .build.standing import made_for
+from .build.standing import blocks_of, made_for
 from .changes import generation
 from .memory import Status, Step, counters, forget, memory_of, status
-from .names import RefractiveGlassError
+from .names import RefractiveGlassError, own
 from .progress import tell
 from .rays import true
 from .rays.true import finish
@@ -54,7 +54,9 @@ __all__ = [
     "free_leftovers",
     "memory_of",
     "prepare",
+    "put_back",
     "remove",
+    "set_aside",
     "status",
     "update",
     "updating",
@@ -292,6 +294,40 @@ def withdraw(scene: bpy.types.Scene) -> bool:
     memory = memory_of(scene)
     memory.paths, memory.status = known.paths, known.status
     return stood
+
+
+def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> list[bpy.types.ID]:
+    """Have a file that is written now hold nothing of what :func:`prepare` can make again.
+
+    In True shading all that was made stays, with what was rendered: where an Image Editor shows a
+    render's picture, Blender composites it once more after a save. What files do not hold is
+    returned, for :func:`put_back`. In Displaced shading it is withdrawn.
+
+    Parameters
+    ----------
+    rendering : something may hold what would be freed.
+    """
+    if is_held(scene) or scene.library is not None or not find_own_scenes(scene, (true.CAST,)):
+        if not rendering:
+            withdraw(scene)
+        return []
+    # The materials and the modifier of glasses are the file's.
+    blocks = [block for block in blocks_of(scene) if not own(block, "glass")]
+    true.set_aside(scene)
+    remove_group(scene)
+    for obj in glass_objects(rendered_layer(scene), ever=True):
+        if obj.is_editable:
+            _show_mesh(scene, obj, True)
+    memory_of(scene).made = made_for(scene)
+    for block in blocks:
+        block.is_runtime_data = True
+    return blocks
+
+
+def put_back(blocks: Iterable[bpy.types.ID]) -> None:
+    """Have undo know data-blocks again that were set aside."""
+    for block in blocks:
+        block.is_runtime_data = False
 
 
 def _show_mesh(scene: bpy.types.Scene, glass: bpy.types.Object, shown: bool) -> None:

@@ -11,7 +11,7 @@ from ..scene.bake.files import Contents, frame_ranges, geometry_bytes
 from ..scene.bake.playback import baked
 from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
-from ..viewport.jobs import is_rendering
+from ..viewport.jobs import holds_data
 from . import staying
 from .lines import draw_lines
 from .stepwise import Steps, Stepwise
@@ -43,7 +43,7 @@ class SCENE_OT_refractive_glass_bake(Stepwise, bpy.types.Operator):
 
     def _steps(self, context: bpy.types.Context) -> Steps:
         scene = context.scene
-        if is_rendering():
+        if holds_data():
             raise RefractiveGlassError("A render is running: bake when it has ended")
         baking = Baking(
             scene,
@@ -84,7 +84,7 @@ class SCENE_OT_refractive_glass_bake_free(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return baked(context.scene) is not None and not is_rendering()
+        return baked(context.scene) is not None and not holds_data()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene

@@ -15,12 +15,17 @@ def is_compiling() -> bool:
 
 
 def is_rendering() -> bool:
-    """Whether a render or a bake goes on: data stay as they are until it ends.
+    """Whether a render or a bake goes on: data stay as they are until it ends."""
+    return bpy.app.is_job_running("RENDER") or bpy.app.is_job_running("OBJECT_BAKE")
 
-    So they do while the compositor works on a render's picture once more, in a thread too, as
-    Blender has it do where an Image Editor shows that and the compositor's tree has changed.
+
+def holds_data() -> bool:
+    """Whether one does, or the compositor works on a render's picture once more: nothing is freed.
+
+    Blender has it do so, in a thread too, where an Image Editor shows the picture and the
+    compositor's tree has changed.
     """
-    return any(map(bpy.app.is_job_running, ("RENDER", "OBJECT_BAKE", "COMPOSITE")))
+    return is_rendering() or bpy.app.is_job_running("COMPOSITE")
 
 
 def amends_depths(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:

@@ -28,8 +28,8 @@ from .eye import overlay_nearer, view_eye
 from .jobs import (
     amends_depths,
     draws_off_screen,
+    holds_data,
     is_compiling,
-    is_rendering,
     samples_of_engine,
 )
 from .lamps import Lamps
@@ -625,7 +625,7 @@ def _unmarked(layer: bpy.types.ViewLayer, wanted: bool) -> list[str]:
 
 def _mark_shown() -> float | None:
     """Timer; nothing is written while a render runs."""
-    if is_rendering():
+    if holds_data():
         return PLAYING_SECONDS
     mark_glasses()
     return None
@@ -651,7 +651,7 @@ def _ask_for_rest() -> None:
 
 def _rest() -> float | None:
     """Timer: the next piece of work for a view that is at rest; then Blender sees to the user."""
-    if is_rendering():
+    if holds_data():
         for view in _views.values():
             view.settled = 0
         return PLAYING_SECONDS
@@ -987,7 +987,7 @@ def unregister() -> None:
     """Switch every view off, take all handlers and timers out and let go of what is on the GPU."""
     if _shown:
         _shown.clear()
-        if is_rendering():
+        if holds_data():
             # Works without the extension, too.
             _soon(_mark_shown)
         else:

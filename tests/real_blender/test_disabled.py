@@ -54,6 +54,11 @@ def test_what_the_compositor_works_with_stays(found):
     assert found["composited"]["running"] == [True, True]
 
 
+def test_a_picture_keeps_its_glass_when_the_file_is_saved(found):
+    assert found["composited"]["changed"] < 0.0005
+    assert len(found["composited"]["saved"]) == 1
+
+
 def test_a_bake_is_cancelled(found):
     assert found["baked"]["under_way"] == 1
     assert found["baked"]["after"] == 0

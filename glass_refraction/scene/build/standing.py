@@ -16,6 +16,11 @@ from .own_scenes import find_own_scenes
 
 def made_for(scene: bpy.types.Scene) -> frozenset[int]:
     """Session uids of the own data-blocks that the scene's picture is made of."""
+    return frozenset(block.session_uid for block in blocks_of(scene))
+
+
+def blocks_of(scene: bpy.types.Scene) -> list[bpy.types.ID]:
+    """These data-blocks; some may come more than once."""
     blocks: list[bpy.types.ID | None] = []
     for own_scene in find_own_scenes(scene):
         # A comparison removes its own.
@@ -29,7 +34,7 @@ def made_for(scene: bpy.types.Scene) -> frozenset[int]:
             blocks += [modifier.node_group for modifier in obj.modifiers]
     group = group_node(scene)
     blocks += _held_by(group.node_tree if group is not None else None)
-    return frozenset(block.session_uid for block in blocks if own(block))
+    return [block for block in blocks if own(block)]
 
 
 def _held_by(tree: bpy.types.NodeTree | None) -> list[bpy.types.ID | None]:

@@ -204,11 +204,16 @@ def _lent_layer(scene: bpy.types.Scene, cast: bpy.types.Scene) -> bpy.types.View
     return layers[place] if found is None and len(layers) == count else found
 
 
-def remove(scene: bpy.types.Scene) -> None:
-    """Remove the own scenes of True shading."""
+def set_aside(scene: bpy.types.Scene) -> None:
+    """Take out of the user's data what they would not find without the own scenes."""
     for cast in find_own_scenes(scene, (CAST,)):
         _ask_for_colours(scene, cast, [], False)
         remove_mirrored(cast)
+
+
+def remove(scene: bpy.types.Scene) -> None:
+    """Remove the own scenes of True shading."""
+    set_aside(scene)
     remove_own_scenes(scene, (CAPTURE, SKY, CAST))
 
 

@@ -4,10 +4,12 @@
 Argument: output folder. Each part tells what it was disabled at and what was left a while later.
 """
 
+import shutil
 import sys
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from windowed import prepared, until, view_3d, walk
@@ -199,6 +201,16 @@ def save():
     bpy.ops.wm.save_as_mainfile(filepath=str(FOLDER / "saved.blend"))
 
 
+def shown_picture(name):
+    """What the Image Editor shows of the render, as a file would have it (N,)."""
+    path = str(FOLDER / f"{name}.png")
+    bpy.data.images["Render Result"].save_render(path)
+    loaded = bpy.data.images.load(path)
+    pixels = np.array(loaded.pixels[:])
+    bpy.data.images.remove(loaded)
+    return pixels
+
+
 def composited():
     """Blender's compositor works on a render's picture once more, from what the extension made."""
     scene = fresh(size=(480, 270))
@@ -210,6 +222,7 @@ def composited():
     area.spaces.active.image = bpy.data.images["Render Result"]
     yield 0.2
     result["composited"] = {"running": []}
+    before = shown_picture("before")
     for leave in (save, disable):
         # What a saved file does not hold is made anew: the tree has changed.
         save()
@@ -217,6 +230,15 @@ def composited():
         result["composited"]["running"].append(bpy.app.is_job_running("COMPOSITE"))
         leave()
         yield from until(lambda: not bpy.app.is_job_running("COMPOSITE"), 60)
+        if leave is save:
+            yield 0.5
+            # Blender looks into no file that is open.
+            copy = shutil.copy(FOLDER / "saved.blend", FOLDER / "copy.blend")
+            with bpy.data.libraries.load(str(copy)) as (saved, _):
+                result["composited"]["saved"] = list(saved.scenes)
+            # The compositor takes half as many digits then.
+            changed = np.abs(shown_picture("after") - before).mean()
+            result["composited"]["changed"] = float(changed)
     yield from rest("composited")
     area.ui_type = "OUTLINER"
 
