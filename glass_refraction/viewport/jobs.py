@@ -20,10 +20,10 @@ def is_rendering() -> bool:
 
 
 def holds_data() -> bool:
-    """Whether one does, or the compositor works on a render's picture once more: nothing is freed.
+    """Whether a job uses data that must not be freed: a render, a bake, or the compositor.
 
-    Blender has it do so, in a thread too, where an Image Editor shows the picture and the
-    compositor's tree has changed.
+    Where an Image Editor shows a render's picture and the compositor's tree has changed, Blender
+    composites the picture once more, in a thread.
     """
     return is_rendering() or bpy.app.is_job_running("COMPOSITE")
 

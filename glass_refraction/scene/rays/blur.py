@@ -16,6 +16,7 @@ from .follow import Kept
 from .hits import Ways
 from .shutter import Moment, Shutter, put_back
 from .stage import FrameInput, Stage, aim, corners_of, staged
+from .things import Met
 from .views import RadianceView, direct_view
 
 Rect = tuple[int, int, int, int]
@@ -81,26 +82,36 @@ def _spread(blur: np.ndarray, rect: Rect, radius: float) -> None:
 def blurred_things(
     frame: FrameInput, blur: np.ndarray, rects: list[Rect], ways: Ways, pixel: np.ndarray
 ) -> None:
-    """Blur all of a glass in which anything is seen that moves, by as much as it does.
+    """Blur all of a glass in which anything is seen that goes on in the picture, by as much.
+
+    How far it goes is told as though no glass were there.
 
     ``pixel``: (K,) of the ways of one ray a pixel.
     """
-    if frame.shutter is None or len(frame.shutter.moments) == 1:
+    if frame.shutter is None or frame.shutter.is_still:
         return
-    apart = frame.shutter.farthest()
     some = np.flatnonzero(~ways.is_sky & (ways.weight > FAINT))
-    some = some[apart[ways.triangle[some]] > 0.0]
-    if not len(some):
-        return
-    ways = ways.take(some)
-    away = np.linalg.norm(ways.point - frame.view.eye, axis=1)
-    away = np.ones(len(away)) if frame.view.is_parallel else np.maximum(away, frame.near)
-    off = frame.view.focal_px * apart[ways.triangle] / away
+    off = _way_gone(frame.shutter, ways.take(some))
     y, x = np.divmod(pixel[some], frame.view.size[0])
     for rect in rects:
         x0, y0, x1, y1 = rect
         inside = (x >= x0) & (x < x1) & (y >= y0) & (y < y1)
         _spread(blur, rect, float(off[inside].max(initial=0.0)))
+
+
+def _way_gone(shutter: Shutter, ways: Ways) -> np.ndarray:
+    """(K,) pixels that what ways meet is away at most from its place in the frame; of what is
+    behind the eye, 0."""
+    own, corners = shutter.own, shutter.own.things.triangles[ways.triangle]
+    shares = own.things.shares(Met(ways.triangle, ways.distance, ways.origin, ways.direction))
+    found, gone = [], np.zeros(len(ways))
+    for moment in (own, *shutter.moments):
+        place = np.einsum("nk,nkd->nd", shares, moment.things.points[corners])
+        clip = moment.view.clip(place)
+        ahead = np.where(clip[:, 2] > 0.0, clip[:, 2], np.nan)
+        found.append(clip[:, :2] / ahead[:, None] * np.array(moment.view.size, float))
+        np.fmax(gone, np.linalg.norm(found[-1] - found[0], axis=1), out=gone)
+    return gone
 
 
 def keep_near(blur: np.ndarray, met: np.ndarray) -> None:

@@ -82,15 +82,6 @@ class Shutter:
         first, second = self.moments[after - 1 : after + 1]
         return _between(first, second, (time - first.time) / (second.time - first.time), time)
 
-    def farthest(self) -> np.ndarray:
-        """(T,) metres that any corner of each triangle is away from its place in the frame."""
-        own = self.own.things
-        apart = np.zeros(len(own.points))
-        for moment in self.moments:
-            off = moment.things.points - own.points
-            np.maximum(apart, np.sqrt(np.einsum("nk,nk->n", off, off)), out=apart)
-        return apart[own.triangles].max(axis=1) if len(own.triangles) else np.zeros(0)
-
 
 def _alike(moment: Moment, own: Moment) -> Moment:
     """A moment with the same glasses and the same triangles as the frame's own."""
