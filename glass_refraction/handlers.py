@@ -37,8 +37,6 @@ LOADED_SECONDS = 0.05
 for the next of keys held down."""
 
 _asked: set[int] = set()
-_aside: list[bpy.types.ID] = []
-"""What the file that is being saved does not hold."""
 _withdrawn: set[int] = set()
 """Scenes that are to be prepared again once the file is saved."""
 _rendering = False
@@ -328,16 +326,15 @@ def _before_data_replaced(*_) -> None:
 def _on_save(*_) -> None:
     _withdrawn.clear()
     if not (_rendering or is_rendering()):
-        for scene in _users_scenes():
-            if find_own_scenes(scene):
-                _withdrawn.add(scene.session_uid)
-                _aside.extend(door.set_aside(scene, rendering=_renders()))
+        made = [scene for scene in _users_scenes() if find_own_scenes(scene)]
+        _withdrawn.update(scene.session_uid for scene in made)
+        for scene in sorted(made, key=lambda s: s.refractive_glass.shading == "TRUE"):
+            door.set_aside(scene, rendering=_renders())
 
 
 @persistent
 def _on_saved(*_) -> None:
-    door.put_back(_aside)
-    _aside.clear()
+    door.put_back()
     for scene in _users_scenes():
         if scene.session_uid in _withdrawn:
             _prepare(scene)

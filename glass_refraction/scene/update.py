@@ -15,14 +15,14 @@ the rest.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Generator
 
 import bpy
 import numpy as np
 
 from .bake.playback import bake_problems, is_held
 from .build.compositor import can_insert, remove_group, remove_stray_nodes, shown_scenes
-from .build.own_scenes import find_own_scenes, remove_leftovers, remove_own_scenes
+from .build.own_scenes import find_own_scenes, own_blocks, remove_leftovers, remove_own_scenes
 from .build.standing import blocks_of, made_for
 from .changes import generation
 from .memory import Status, Step, counters, forget, memory_of, status
@@ -296,12 +296,12 @@ def withdraw(scene: bpy.types.Scene) -> bool:
     return stood
 
 
-def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> list[bpy.types.ID]:
+def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
     """Have a file that is written now hold nothing of what :func:`prepare` can make again.
 
     In True shading all that was made stays, with what was rendered: where an Image Editor shows a
-    render's picture, Blender composites it once more after a save. What files do not hold is
-    returned, for :func:`put_back`. In Displaced shading it is withdrawn.
+    render's picture, Blender composites it once more after a save. In Displaced shading it is
+    withdrawn. Scenes of that come first: to withdraw frees what no tree holds, also of others.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> list[bpy.ty
     if is_held(scene) or scene.library is not None or not find_own_scenes(scene, (true.CAST,)):
         if not rendering:
             withdraw(scene)
-        return []
+        return
     # The materials and the modifier of glasses are the file's.
     blocks = [block for block in blocks_of(scene) if not own(block, "glass")]
     true.set_aside(scene)
@@ -321,12 +321,11 @@ def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> list[bpy.ty
     memory_of(scene).made = made_for(scene)
     for block in blocks:
         block.is_runtime_data = True
-    return blocks
 
 
-def put_back(blocks: Iterable[bpy.types.ID]) -> None:
+def put_back() -> None:
     """Have undo know data-blocks again that were set aside."""
-    for block in blocks:
+    for block in own_blocks():
         block.is_runtime_data = False
 
 

@@ -116,12 +116,18 @@ def remove_leftovers() -> None:
         owner = user_scene_of(candidate)
         if owner is None or not (_has_glass(owner) or _plays_back(owner, candidate)):
             _remove_scene(candidate)
-    kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections, bpy.data.node_groups)
-    kinds += (bpy.data.materials, bpy.data.images, bpy.data.lights, bpy.data.cameras)
     # What goes may have been the last to hold another.
-    while unused := [b for k in kinds for b in k if b.users == 0 and own(b) and not b.library]:
+    while unused := [b for b in own_blocks() if b.users == 0]:
         _remove(unused)
     _remove(_unused_materials())
+
+
+def own_blocks() -> list[bpy.types.ID]:
+    """All own data-blocks that are no library's, scenes last."""
+    kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.collections, bpy.data.node_groups)
+    kinds += (bpy.data.materials, bpy.data.images, bpy.data.lights, bpy.data.cameras)
+    kinds += (bpy.data.scenes,)
+    return [block for kind in kinds for block in kind if own(block) and not block.library]
 
 
 def _unused_materials() -> list[bpy.types.Material]:
