@@ -266,12 +266,7 @@ def remove(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
     remove_own_scenes(scene)
     if not rendering:
         free_leftovers()
-    for obj in bpy.data.objects:
-        if obj.type != "MESH" or not obj.is_editable or glass_modifier(obj) is None:
-            continue
-        # One that stands in no scene is shown by instances.
-        if obj.name in scene.objects or not obj.users_scene:
-            _show_mesh(scene, obj, True)
+    _show_meshes(scene)
 
 
 def free_leftovers() -> None:
@@ -315,12 +310,10 @@ def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
     blocks = [block for block in blocks_of(scene) if not own(block, "glass")]
     true.set_aside(scene)
     remove_group(scene)
-    for obj in glass_objects(rendered_layer(scene), ever=True):
-        if obj.is_editable:
-            _show_mesh(scene, obj, True)
     memory_of(scene).made = made_for(scene)
     for block in blocks:
         block.is_runtime_data = True
+    _show_meshes(scene)
 
 
 def put_back() -> None:
@@ -329,10 +322,24 @@ def put_back() -> None:
         block.is_runtime_data = False
 
 
+def _show_meshes(scene: bpy.types.Scene) -> None:
+    """Let renders show the meshes of all the scene's glasses."""
+    for obj in bpy.data.objects:
+        if obj.type != "MESH" or not obj.is_editable or glass_modifier(obj) is None:
+            continue
+        # One that stands in no scene is shown by instances.
+        if obj.name in scene.objects or not obj.users_scene:
+            _show_mesh(scene, obj, True)
+
+
 def _show_mesh(scene: bpy.types.Scene, glass: bpy.types.Object, shown: bool) -> None:
-    """Let renders show the glass's own mesh, unless another scene computes the same glass."""
+    """Let renders show the glass's own mesh, unless another scene computes the same glass.
+
+    What is set aside there does not count.
+    """
     others = (s for s in bpy.data.scenes if s != scene and glass.name in s.objects)
-    if not shown or not any(find_own_scenes(s) for s in others):
+    made = (own_scene for other in others for own_scene in find_own_scenes(other))
+    if not shown or all(own_scene.is_runtime_data for own_scene in made):
         write_input(glass_modifier(glass), "Show in Render", shown)
 
 

@@ -10,6 +10,8 @@ from glass_refraction.scene import update as door
 from glass_refraction.scene.build.layers import ROLES, find_layers
 from glass_refraction.scene.build.own_scenes import source_of
 from glass_refraction.scene.names import RefractiveGlassError, own
+from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import read_input
 
 
 def _scene(**settings):
@@ -303,3 +305,37 @@ def test_glasses_of_a_background_set_are_told_of_until_they_are_the_scenes_too()
     front.collection.objects.link(glass)
     door.prepare(front, scenes.depsgraph())
     assert door.status(front).problems == []
+
+
+def test_a_file_that_is_written_shows_all_glasses_as_meshes(tmp_path):
+    """Glasses of two scenes, and those that only instances show, stayed hidden in the file."""
+    scene, _, shared = _scene(shading="TRUE")
+    instanced = scenes.glass(shape="SPHERE", radius=0.02, wall_thickness=0.0)
+    collection = bpy.data.collections.new("Instanced")
+    collection.objects.link(instanced)
+    scene.collection.objects.unlink(instanced)
+    empty = bpy.data.objects.new("Empty", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    scene.collection.objects.link(empty)
+    other = bpy.data.scenes.new("Other")
+    other.refractive_glass.shading, other.camera = "TRUE", scene.camera
+    for obj in (shared, scene.camera):
+        other.collection.objects.link(obj)
+    for one in (scene, other):
+        layer = one.view_layers[0]
+        layer.update()
+        door.prepare(one, layer.depsgraph, strict=True)
+
+    def shown():
+        return [read_input(glass_modifier(g), "Show in Render") for g in (shared, instanced)]
+
+    assert shown() == [False, False]
+    path = str(tmp_path / "file.blend")
+    for one in (scene, other):
+        door.set_aside(one)
+    assert shown() == [True, True]
+    bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
+    door.put_back()
+    with bpy.data.libraries.load(path) as (saved, _):
+        assert sorted(saved.scenes) == sorted((scene.name, other.name))
+        assert not [name for name in saved.images if name.startswith(".Refractive")]

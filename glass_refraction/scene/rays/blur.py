@@ -14,9 +14,8 @@ from .caster import Casters
 from .exits import MARGIN_PX, FinerRays, PictureRays, TimePiece
 from .follow import Kept
 from .hits import Ways
-from .shutter import Moment, Shutter, put_back
+from .shutter import Moment, Shutter, put_back, spots
 from .stage import FrameInput, Stage, aim, corners_of, staged
-from .things import Met
 from .views import RadianceView, direct_view
 
 Rect = tuple[int, int, int, int]
@@ -102,12 +101,9 @@ def blurred_things(
 def _way_gone(shutter: Shutter, ways: Ways) -> np.ndarray:
     """(K,) pixels that what ways meet is away at most from its place in the frame; of what is
     behind the eye, 0."""
-    own, corners = shutter.own, shutter.own.things.triangles[ways.triangle]
-    shares = own.things.shares(Met(ways.triangle, ways.distance, ways.origin, ways.direction))
-    found, gone = [], np.zeros(len(ways))
+    own, found, gone = shutter.own, [], np.zeros(len(ways))
     for moment in (own, *shutter.moments):
-        place = np.einsum("nk,nkd->nd", shares, moment.things.points[corners])
-        clip = moment.view.clip(place)
+        clip = moment.view.clip(spots(ways, own.things, moment.things))
         ahead = np.where(clip[:, 2] > 0.0, clip[:, 2], np.nan)
         found.append(clip[:, :2] / ahead[:, None] * np.array(moment.view.size, float))
         np.fmax(gone, np.linalg.norm(found[-1] - found[0], axis=1), out=gone)
@@ -139,7 +135,7 @@ def blurred_parts(
     radius : pixels, of the largest blur.
     """
     shutter, follower = frame.shutter, stage.follower
-    if shutter is None or len(shutter.moments) == 1:
+    if shutter is None or shutter.is_still:
         yield from finer.blurred_parts(follower, TimePiece())
     elif shutter.moves_camera_alone:
         parts = (shutter.at((number + 0.5) / SHOTS) for number in range(SHOTS))

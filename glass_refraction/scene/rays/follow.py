@@ -226,7 +226,7 @@ class Follower:
     things : all these. boxes : (B, 2, 3) round them.
     hull : (2, 3) a box round all glasses. stamp : of the glasses and of how they are followed.
     meshes : the glasses that are meshes.
-    min_weight, fresnel : see :class:`frame.FrameInput`. kept : what earlier frames found.
+    min_weight, fresnel : see :class:`stage.FrameInput`. kept : what earlier frames found.
     brightest : light of what shines most, over that of a white pixel; 1 at least.
     through : (T,) bool, which triangles are seen through the glasses; None: all.
     shots : where a moving camera is while the shutter is open, at even intervals; none: it rests.

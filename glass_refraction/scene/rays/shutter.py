@@ -27,7 +27,7 @@ class Moment:
 
     Attributes
     ----------
-    time : frames. view : the camera. glasses, things : as `frame.FrameInput` has them.
+    time : frames. view : the camera. glasses, things : as `stage.FrameInput` has them.
     """
 
     time: float
@@ -149,6 +149,13 @@ def _turned(first: np.ndarray, second: np.ndarray, part: float) -> np.ndarray:
     return (np.eye(3) + np.sin(angle) * axis + (1.0 - np.cos(angle)) * axis @ axis) @ first
 
 
+def spots(ways: Ways, then: Things, now: Things) -> np.ndarray:
+    """(K, 3) where the spots of triangles are ``now`` that ways, none to the sky, meet ``then``."""
+    met = Met(ways.triangle, ways.distance, ways.origin, ways.direction)
+    corners = now.points[now.triangles[ways.triangle]]
+    return np.einsum("nk,nkd->nd", then.shares(met), corners)
+
+
 def put_back(ways: Ways, then: Things, now: Things) -> Ways:
     """Ways to what they met ``then``, put where the same spots of the same triangles are ``now``.
 
@@ -157,10 +164,7 @@ def put_back(ways: Ways, then: Things, now: Things) -> Ways:
     if then.same(now):
         return ways
     some = np.flatnonzero(~ways.is_sky)
-    triangle, way = ways.triangle[some], ways.distance[some]
-    direction = ways.direction[some]
-    shares = then.shares(Met(triangle, way, ways.origin[some], direction))
-    place = np.einsum("nk,nkd->nd", shares, now.points[now.triangles[triangle]])
+    met = ways.take(some)
     origin = ways.origin.copy()
-    origin[some] = place - way[:, None] * direction
+    origin[some] = spots(met, then, now) - met.distance[:, None] * met.direction
     return replace(ways, origin=origin)
