@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import bpy
@@ -90,11 +90,14 @@ class Requests:
 def finished(steps: Generator[Request, object, object]) -> object:
     """What steps end with, where each request is met at once."""
     requests = Requests(steps)
-    for request in requests:
-        if isinstance(request, bpy.types.Scene):
-            bpy.ops.render.render(write_still=True, scene=request.name)
-        else:
-            requests.answer = request()
+    # Whatever fails meanwhile, what the steps put in place is taken back here and now: later
+    # Python would close them at some time of its own, when the file may be another one.
+    with closing(steps):
+        for request in requests:
+            if isinstance(request, bpy.types.Scene):
+                bpy.ops.render.render(write_still=True, scene=request.name)
+            else:
+                requests.answer = request()
     return requests.result
 
 

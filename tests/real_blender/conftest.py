@@ -79,8 +79,7 @@ class Blender:
         try:
             output, _ = process.communicate(timeout=seconds)
         except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGTERM)
-            output, _ = process.communicate()
+            output = _ended(process)
             pytest.fail(f"Blender did not end within {seconds} s:\n{output}")
         # Where Blender crashed, that file alone tells where.
         for path in map(Path, re.findall(r"^Writing: (.+\.crash\.txt)$", output, re.MULTILINE)):
@@ -112,6 +111,16 @@ class Blender:
         result["printed"] = found.stdout
         keep(output)
         return result
+
+
+def _ended(process):
+    """What a process printed that is asked to end, and made to where it does not."""
+    os.killpg(process.pid, signal.SIGTERM)
+    try:
+        return process.communicate(timeout=20)[0]
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        return process.communicate(timeout=20)[0]
 
 
 def keep(folder):

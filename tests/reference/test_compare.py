@@ -2,6 +2,7 @@
 """A whole comparison, small: files, figures by the contract, and nothing changed after it."""
 
 import json
+from contextlib import closing
 
 import pytest
 
@@ -131,18 +132,17 @@ def test_a_comparison_that_is_stopped_leaves_the_scene_as_it_was(scene, tmp_path
     renders = 0
     # At each render in turn, at the listing of paths, and once at its end.
     for stop in range(6):
-        steps = comparing(scene, tmp_path, samples=1)
-        value = None
-        for number in range(stop + 1):
-            request = steps.send(value)
-            if number == stop:
-                break
-            if isinstance(request, bpy.types.Scene):
-                renders += 1
-                value = bpy.ops.render.render(write_still=True, scene=request.name)
-            else:
-                value = request()
-        steps.close()
+        with closing(comparing(scene, tmp_path, samples=1)) as steps:
+            value = None
+            for number in range(stop + 1):
+                request = steps.send(value)
+                if number == stop:
+                    break
+                if isinstance(request, bpy.types.Scene):
+                    renders += 1
+                    value = bpy.ops.render.render(write_still=True, scene=request.name)
+                else:
+                    value = request()
         assert state() == before, stop
         assert not list(tmp_path.iterdir()), stop
     assert renders == 11
@@ -154,26 +154,25 @@ def test_what_timers_do_meanwhile_takes_nothing_of_a_comparison_away(scene, tmp_
 
     add_glass(scene)
     bpy.ops.scene.refractive_glass_update()
-    steps = comparing(scene, tmp_path, samples=1)
-    value = None
-    while True:
-        request = steps.send(value)
-        if isinstance(request, bpy.types.Scene):
-            if own(request, REFERENCE):
-                break
-            value = bpy.ops.render.render(write_still=True, scene=request.name)
-        else:
-            value = request()
-    # The glasses are hidden now, and a reference stands.
-    before = {s.name for s in bpy.data.scenes}
-    handlers._asked.add(scene.session_uid)
-    assert handlers._serve() == handlers.REST_SECONDS
-    door.free_leftovers()
-    assert {s.name for s in bpy.data.scenes} == before
-    # As saving does.
-    door.withdraw(scene)
-    assert request.name in bpy.data.scenes
-    steps.close()
+    with closing(comparing(scene, tmp_path, samples=1)) as steps:
+        value = None
+        while True:
+            request = steps.send(value)
+            if isinstance(request, bpy.types.Scene):
+                if own(request, REFERENCE):
+                    break
+                value = bpy.ops.render.render(write_still=True, scene=request.name)
+            else:
+                value = request()
+        # The glasses are hidden now, and a reference stands.
+        before = {s.name for s in bpy.data.scenes}
+        handlers._asked.add(scene.session_uid)
+        assert handlers._serve() == handlers.REST_SECONDS
+        door.free_leftovers()
+        assert {s.name for s in bpy.data.scenes} == before
+        # As saving does.
+        door.withdraw(scene)
+        assert request.name in bpy.data.scenes
     assert handlers._serve() is None
     assert not any(own(s, REFERENCE) for s in bpy.data.scenes)
 
@@ -182,8 +181,30 @@ def test_a_render_without_a_picture_ends_the_comparison(scene, tmp_path):
     from glass_refraction.reference.compare import comparing
 
     add_glass(scene)
-    steps = comparing(scene, tmp_path, samples=1)
-    next(steps)
-    with pytest.raises(RuntimeError, match='"Scene" was cancelled'):
-        steps.send({"CANCELLED"})
+    with closing(comparing(scene, tmp_path, samples=1)) as steps:
+        next(steps)
+        with pytest.raises(RuntimeError, match='"Scene" was cancelled'):
+            steps.send({"CANCELLED"})
+    assert scene.cycles.samples == 2
+
+
+def test_what_fails_between_steps_leaves_the_scene_as_it_was_at_once(scene, tmp_path):
+    """Steps that Python closes some day write to a scene that may be gone by then: a crash."""
+    from glass_refraction.reference.compare import comparing
+    from glass_refraction.reference.picture import finished
+
+    def failing():
+        def fail():
+            assert scene.cycles.samples == 1
+            raise OSError("the disk is full")
+
+        with closing(comparing(scene, tmp_path, samples=1)) as steps:
+            next(steps)
+            yield fail
+
+    add_glass(scene)
+    # The traceback of the error holds all that goes on.
+    with pytest.raises(OSError, match="the disk is full") as kept:
+        finished(failing())
+    assert kept.tb is not None
     assert scene.cycles.samples == 2

@@ -116,8 +116,9 @@ def remove_leftovers() -> None:
         owner = user_scene_of(candidate)
         if owner is None or not (_has_glass(owner) or _plays_back(owner, candidate)):
             _remove_scene(candidate)
-    # What goes may have been the last to hold another.
-    while unused := [b for b in own_blocks() if b.users == 0]:
+    # What goes may have been the last to hold another. A scene that stands has no users: which of
+    # them are left over is told above.
+    while unused := [b for b in own_blocks() if b.users == 0 and b.id_type != "SCENE"]:
         _remove(unused)
     _remove(_unused_materials())
 
