@@ -125,6 +125,7 @@ class FinerRays:
     kept : (K',) numbers of the ways of `coarse` that stay, each as often as it is looked up.
     offset : (K', 2) pixels from its pixel's centre at which it is. share : (K',) of the pixel that
         it is seen in there. pixel : (R,) of its rays.
+    rays : (width · height,) of each pixel.
 
     Parameters
     ----------
@@ -153,8 +154,8 @@ class FinerRays:
         # What ends beside stretched ways takes as many rays as these take places.
         self._blurred = blur > BLURRED[0][1]
         self._rough = self._blurred | ((most > self._tiers[0][1]) & (ends.pixel > STEADY))
-        self._count = _places(np.where(self._rough, most, 0.0), self._tiers)
-        self._count[self._blurred] = blurred_places(blur[self._blurred])
+        self.rays = _places(np.where(self._rough, most, 0.0), self._tiers)
+        self.rays[self._blurred] = blurred_places(blur[self._blurred])
         settled = (ends.way <= STEADY) & ~self._blurred[pixel]
         settled |= coarse.ways.weight < follower.fine_weight
         # The facets of rough glass differ from ray to ray: the centre's is one among all.
@@ -170,7 +171,7 @@ class FinerRays:
         self._known = pixel[self.kept].astype(np.int32)
         if follower.rough:
             # The centre's ray is one more.
-            self.share /= (self._count + (self._count > 1))[self._known]
+            self.share /= (self.rays + (self.rays > 1))[self._known]
         # Of no ways at all NumPy counts in whole numbers.
         light = self.share * coarse.ways.weight[self.kept]
         self._kept_light = np.bincount(self._known, light, len(most)).astype(float)
@@ -195,7 +196,7 @@ class FinerRays:
         """
         sets = []
         for count, _ in self._tiers:
-            pixels = np.flatnonzero((self._count == count) & ~self._blurred)
+            pixels = np.flatnonzero((self.rays == count) & ~self._blurred)
             sets.append((pixels, self._sigma * _lattice(count)))
         return self._bundles(self._follower, sets)
 
@@ -206,7 +207,7 @@ class FinerRays:
         """
         sets = []
         for count in LATTICE:
-            pixels = np.flatnonzero((self._count == count) & self._blurred)
+            pixels = np.flatnonzero((self.rays == count) & self._blurred)
             pixels = pixels[piece.has(pixels)]
             times = _times(count)
             rows = np.flatnonzero(piece.holds(times))
@@ -231,7 +232,7 @@ class FinerRays:
         self, follower: Follower, sets: list[tuple[np.ndarray, np.ndarray]]
     ) -> Iterator[PictureRays]:
         for some, places, ways, lost, dark in follower.blocks(sets, self._codes):
-            count, all_rays = len(places), self._count[some]
+            count, all_rays = len(places), self.rays[some]
             one = 1.0 / (all_rays + follower.rough)
             light = np.bincount(ways.ray, ways.weight, len(lost))
             blank = np.flatnonzero(light + lost + dark == 0.0)

@@ -34,6 +34,7 @@ from .exits import (
     spacing,
 )
 from .follow import Follower, Kept
+from .glints import evened
 from .hits import (
     KNOWN,
     UNSEEN,
@@ -163,6 +164,7 @@ class Rays:
     lookups : what shows the hits of their ways. count : rays that have ways.
     lit_pixel, lit : (G,) pixels of the picture that suns shine into straight, and colours (G, 3).
     dark_pixel, dark : (D,) pixels of which no way brings some light, and part of the pixel's.
+    several : (height, width) rays of each pixel.
     """
 
     lookups: Lookups
@@ -171,6 +173,7 @@ class Rays:
     lit: np.ndarray
     dark_pixel: np.ndarray
     dark: np.ndarray
+    several: np.ndarray
 
 
 def compute(
@@ -279,7 +282,9 @@ def _followed(
     dark = finer.dark
     some = np.flatnonzero(dark)
     dark_pixel = _window_pixels(finer.pixel[some], view)
-    return Rays(found, sum(counts), lit_pixel, lit, dark_pixel, dark[some]), placed
+    x0, y0, x1, y1 = view.window
+    several = finer.rays.reshape(view.size[::-1])[y0:y1, x0:x1]
+    return Rays(found, sum(counts), lit_pixel, lit, dark_pixel, dark[some], several), placed
 
 
 def _placed(
@@ -412,11 +417,14 @@ def _summed(frame: FrameInput, stage: Stage, placed: Placed, rays: Rays) -> Fram
     order = np.argsort(known, kind="stable")
     known, radiance = known[order], radiance[order]
     colour = radiance * lookups.colour[known] * lookups.share[known, None]
+    is_lamp = (view_number[known] == KNOWN) & (lookups.triangle[known] >= 0)
     opaque = (view_number[known] == KNOWN) & ~lookups.clear[known]
     opaque = (opaque * weight[known])[:, None] * np.ones(3)
     width, height = _window_size(frame.view)
     covering = np.bincount(pixel, weight, width * height)
-    brought = np.bincount(np.concatenate((pixel, rays.lit_pixel)))
+    colour *= frame.exposure
+    glint_pixel, glints = evened(pixel[known][is_lamp], colour[is_lamp], rays.several)
+    brought = np.bincount(np.concatenate((pixel, rays.lit_pixel, glint_pixel)))
     packed = PackedPixels(np.flatnonzero(brought))
     covering += np.bincount(rays.dark_pixel, rays.dark, width * height)
     beside = np.clip(1.0 - covering, 0.0, 1.0)
@@ -461,8 +469,8 @@ def _summed(frame: FrameInput, stage: Stage, placed: Placed, rays: Rays) -> Fram
         weights=weights,
         spread=packed.spread(beside.reshape(height, width)),
         known=packed.known(
-            frame.exposure * np.concatenate((colour, rays.lit)),
-            np.concatenate((pixel[known], rays.lit_pixel)),
+            np.concatenate((colour[~is_lamp], glints, frame.exposure * rays.lit)),
+            np.concatenate((pixel[known][~is_lamp], glint_pixel, rays.lit_pixel)),
         ),
         known_alpha=packed.known(opaque, pixel[known]),
         reports=tuple(reports),
