@@ -211,6 +211,7 @@ def _target(size: tuple[int, int], *formats: str) -> tuple:
 
 def odd_size(size: int) -> int:
     """A size not smaller and no power of two: some drivers compile shaders for each kind anew."""
+    size = max(size, 3)
     return size + (size & (size - 1) == 0)
 
 
@@ -248,6 +249,8 @@ class _Layer:
 BLOCK, LISTED = 4, 1000
 """Pixels a side of blocks, and width of a layer, of listed pixels: they are drawn side by side, so
 that none is drawn in vain."""
+ENOUGH = 0.7
+"""Of a strip's pixels: if that many are wanted it is drawn whole."""
 LAYERS = 4
 """That a view has: one of what moves; two of pictures at rest, of which one is shown while the
 other is drawn; and one of some pixels' further samples."""
@@ -537,17 +540,24 @@ class Painter:
         return 0.25 * (x1 - x0) * (y1 - y0) * self._drawn.size[0] * self._drawn.size[1]
 
     def _take(self, pixels: int) -> tuple[float, float, float, float]:
-        """The next strip of about so many pixels of what is still to be drawn."""
-        x0, y0, x1, y1 = rect = self._strips.pop(0)
-        height = self._drawn.size[1]
-        # It ends between two rows of samples: each is drawn once.
-        begin = 0.5 * (y0 + 1.0) * height
-        end = np.ceil(begin + pixels * 0.5 * (y1 - y0) * height / max(self._area(rect), 1.0))
-        middle = float(2.0 * end / height - 1.0)
-        if middle >= y1:
-            return rect
-        self._strips.insert(0, (x0, middle, x1, y1))
-        return (x0, y0, x1, middle)
+        """The next strip of about so many pixels of what is still to be drawn.
+
+        It ends between two blocks: drivers take as long for a part of one as for all of it.
+        """
+        rect = self._strips.pop(0)
+        for axis in (1, 0):
+            share = pixels / max(self._area(rect), 1.0)
+            if share > ENOUGH:
+                break
+            size = self._drawn.size[axis]
+            begin, end = (0.5 * (rect[axis + side] + 1.0) * size / BLOCK for side in (0, 2))
+            blocks = max(round(begin + share * (end - begin)), math.floor(begin + 0.5) + 1)
+            if blocks < end:
+                # Each sample is drawn once.
+                middle = 2.0 * blocks * BLOCK / size - 1.0
+                self._strips.insert(0, (*rect[:axis], middle, *rect[axis + 1 :]))
+                rect = (*rect[: axis + 2], middle, *rect[axis + 3 :])
+        return rect
 
     def wait(self) -> float:
         """Seconds until the GPU has done what was asked of it."""

@@ -72,14 +72,16 @@ while something moves."""
 SHARE_OF_REDRAW, SHARE_OF_ENGINE = 0.8, 0.2
 """A moving picture may take this part of the time that the view's redraw takes without it, in Solid
 shading and where an engine draws for longer."""
-MOST_PIXELS, PIXELS_STEP = 6.0, 0.25
+MOVING_SECONDS = 0.1
+"""That a moving picture may take at most: Blender's window stands still meanwhile."""
+MOST_PIXELS, PIXELS_STEP = 8.0, 0.25
 """A side, of which a moving picture has one sample at least, and by how much that may change: for
 each a picture of its own is made."""
 LEAST_PIXELS = 700
 """Of a slice of a sample: fewer tell nothing of the speed."""
 STRIP_PIXELS = 2000
-"""Of a strip at most, unless all strips of the last sample were quick: some take much longer than
-those before."""
+"""Of a strip at most in the first sample; later ones are such that the slowest strip of the last
+sample would have been quick: some take much longer than those before."""
 MOST_GROWTH = 4.0
 """Of a strip over the one before."""
 LEAST_SECONDS = 1e-5
@@ -496,9 +498,9 @@ def _displaced_version(view: _View) -> int:
 def _divisor(view: _View, colours: int) -> float:
     """Pixels a side of the view for one sample of a moving picture, each of so many rays."""
     if view.speed == 0.0:
-        return 2.0
+        return MOST_PIXELS
     share = SHARE_OF_REDRAW if view.is_open else SHARE_OF_ENGINE
-    affordable = max(1.0, share * view.plain_seconds * view.speed)
+    affordable = max(1.0, min(share * view.plain_seconds, MOVING_SECONDS) * view.speed)
     steps = math.ceil(math.sqrt(colours * view.painter.pixels / affordable) / PIXELS_STEP)
     return min(max(PIXELS_STEP * steps, 1.0), MOST_PIXELS)
 
@@ -521,7 +523,7 @@ def _sample(
     jitter = _jitter(before + painter.samples)
     pixels = None
     if seconds is not None:
-        most = max(STRIP_PIXELS, seconds * view.slowest[edges])
+        most = seconds * view.slowest[edges] or STRIP_PIXELS
         pixels = int(max(LEAST_PIXELS, min(seconds * view.strip_speed, most)))
     displaced = _draw_displaced(view, jitter)
     began, mine = time.perf_counter(), time.thread_time()

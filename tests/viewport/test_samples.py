@@ -65,6 +65,33 @@ def test_samples_cover_the_part_of_the_view_that_they_are_of(divisor, rect):
     assert (spare > -1e-6).all() and (spare < divisor + 1e-6).all()
 
 
+@pytest.mark.parametrize("pixels", [1, 300, 5_000])
+@pytest.mark.parametrize("rect", [(-1.0, -1.0, 1.0, 1.0), (-0.31, 0.2, 0.67, 0.93)])
+def test_strips_draw_each_pixel_once_and_end_between_blocks(pixels, rect):
+    size = np.array((148, 93))
+    painter = paint.Painter.__new__(paint.Painter)
+    painter._drawn, painter._strips = SimpleNamespace(size=tuple(size)), [rect]
+    middles = [(np.arange(n) + 0.5) * 2.0 / n - 1.0 for n in size]
+    drawn = np.zeros(size, int)
+    while painter._strips:
+        strip = painter._take(pixels)
+        x, y = ((m > strip[k]) & (m < strip[k + 2]) for k, m in enumerate(middles))
+        drawn += x[:, None] & y
+        for place, count in zip(strip, (*size, *size), strict=True):
+            blocks = 0.5 * (place + 1.0) * count / paint.BLOCK
+            assert place in rect or blocks == pytest.approx(round(blocks))
+        # The first and the last block of a row or column may be a part of one.
+        assert x.sum() * y.sum() <= max(2 * pixels, (2 * paint.BLOCK) ** 2)
+    x, y = ((m > rect[k]) & (m < rect[k + 2]) for k, m in enumerate(middles))
+    assert (drawn == (x[:, None] & y)).all()
+
+
+def test_textures_have_no_size_that_is_a_power_of_two():
+    for size in range(1, 1030):
+        found = paint.odd_size(size)
+        assert found >= size and found & (found - 1)
+
+
 class _Shown:
     """A frame buffer that can be read."""
 
