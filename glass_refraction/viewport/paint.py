@@ -320,6 +320,14 @@ class Painter:
             [screen_rect(corners, view) for corners in (*(g.corners() for g in glasses), *clear)]
         )
 
+    @staticmethod
+    def compile(glasses: list[Posed]) -> bool:
+        """Compile the shader that shows glasses, if it is not yet there; whether it was not."""
+        name = _picture(bool(trees_of(glasses)))
+        is_new = name not in kept
+        _shader(name)
+        return is_new
+
     @property
     def pixels(self) -> int:
         """Of the view, that can show a glass."""
@@ -476,7 +484,7 @@ class Painter:
         if displaced is not None:
             shader = displaced.shader
         else:
-            shader = _shader("picture_of_meshes" if self.has_meshes else "picture")
+            shader = _shader(_picture(self.has_meshes))
         with layer.target.bind():
             gpu.state.viewport_set(0, 0, *layer.size)
             gpu.state.depth_test_set("NONE")
@@ -690,6 +698,11 @@ def _shader(name: str):
         plain = name.removesuffix(OF_MESHES)
         kept[name] = compiled(**DESCRIPTIONS[plain], meshes=plain != name)
     return kept[name]
+
+
+def _picture(meshes: bool) -> str:
+    """Name of the shader that follows rays, of glasses of which some are meshes or none is."""
+    return "picture" + OF_MESHES * meshes
 
 
 OF_MESHES = "_of_meshes"

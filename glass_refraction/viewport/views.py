@@ -393,6 +393,11 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         _ask_for_rest()
     if not model.is_shown:
         return
+    if painter.compile(model.glasses):
+        # That took long enough for one redraw: the next one shows the glasses.
+        view.waits, view.final = True, False
+        _ask_for_rest()
+        return
     turned = eye.to_camera[:3, :3].tobytes() if light_comes_along(space.shading) else b""
     if turned != view.turned:
         captures.outdate()
