@@ -76,6 +76,9 @@ def _hung(view: RadianceView, places: np.ndarray, depth: float) -> tuple[np.ndar
     places = places.reshape(-1, 2)
     p, ndc = view.projection, 2.0 * places / view.size - 1.0
     points = np.empty((len(places), 3))
-    points[:, :2] = (ndc + p[:2, 2]) / (p[0, 0], p[1, 1]) * depth
+    if view.is_parallel:
+        points[:, :2] = (ndc - p[:2, 3]) / p.diagonal()[:2]
+    else:
+        points[:, :2] = (ndc + p[:2, 2]) / p.diagonal()[:2] * depth
     points[:, 2] = -depth
     return points, np.arange(len(points)).reshape(-1, 4)

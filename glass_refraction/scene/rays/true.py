@@ -742,15 +742,15 @@ def _hang(view: bpy.types.Scene, role: str, mesh: tuple[np.ndarray, np.ndarray])
 def _aim_camera(camera: bpy.types.Object, view: RadianceView, far: float) -> None:
     """Give a camera object the pose, lens and shift of a view, and let it see so far (metres)."""
     data, p = camera.data, view.projection
-    width, height = view.size
-    data.type, data.sensor_fit, data.sensor_width = "PERSP", "HORIZONTAL", 32.0
-    per_slope = 0.5 * p[0, 0] * width
-    data.lens = data.sensor_width * per_slope / width
-    origin = 0.5 * (1.0 - p[0, 2]) * width, 0.5 * (1.0 - p[1, 2]) * height
-    # Shifts count in widths, whatever the frame's height; pixels may be higher than wide.
-    aspect = (p[0, 0] * width) / (p[1, 1] * height)
-    data.shift_x = (0.5 * width - origin[0]) / width
-    data.shift_y = (0.5 * height - origin[1]) * aspect / width
+    data.type = "ORTHO" if view.is_parallel else "PERSP"
+    data.sensor_fit, data.sensor_width = "HORIZONTAL", 32.0
+    if view.is_parallel:
+        data.ortho_scale = 2.0 / p[0, 0]
+    else:
+        data.lens = 0.5 * data.sensor_width * p[0, 0]
+    off = -p[:2, 3] if view.is_parallel else p[:2, 2]
+    # Shifts count in widths, whatever the frame's height.
+    data.shift_x, data.shift_y = 0.5 * off * p[0, 0] / p.diagonal()[:2]
     data.dof.use_dof = view.lens is not None
     if view.lens is not None:
         data.dof.focus_distance = view.lens.focus

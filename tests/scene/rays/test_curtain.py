@@ -12,12 +12,17 @@ from glass_refraction.scene.rays.frame import NO_CURTAIN
 from glass_refraction.scene.rays.views import RadianceView
 
 
-def _view(size=(100, 70), shift=(0.3, -0.2), near=0.02):
+def _view(size=(100, 70), shift=(0.3, -0.2), near=0.02, is_parallel=False):
     projection = np.zeros((4, 4))
-    projection[0, 0], projection[1, 1], projection[3, 2] = 1.5, 1.5 * size[0] / size[1], -1.0
-    projection[:2, 2] = shift
+    projection[0, 0], projection[1, 1] = 1.5, 1.5 * size[0] / size[1]
+    if is_parallel:
+        projection[3, 3], projection[:2, 3] = 1.0, shift
+    else:
+        projection[3, 2], projection[:2, 2] = -1.0, shift
     frame = (0, 0, *size)
-    return RadianceView(np.zeros(3), np.eye(4), projection, size, frame, frame, near)
+    return RadianceView(
+        np.zeros(3), np.eye(4), projection, size, frame, frame, near, is_parallel=is_parallel
+    )
 
 
 def _hidden(view, points, quads):
@@ -33,9 +38,10 @@ def _hidden(view, points, quads):
     return found
 
 
+@pytest.mark.parametrize("is_parallel", [False, True])
 @pytest.mark.parametrize("count", [0, 1, 5, 200])
-def test_it_hides_no_pixel_within_reach_of_a_place(count):
-    view = _view()
+def test_it_hides_no_pixel_within_reach_of_a_place(count, is_parallel):
+    view = _view(is_parallel=is_parallel)
     random = np.random.default_rng(count)
     places = random.uniform((0, 0), view.size, (count, 2))
     hidden = _hidden(view, *curtain(view, looked_up(view, places)))

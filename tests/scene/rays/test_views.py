@@ -75,6 +75,21 @@ def test_blenders_camera_projects_as_the_view(settings, towards):
     assert data.clip_end == pytest.approx(10.0)
 
 
+@pytest.mark.parametrize("settings", FRAMES, ids=str)
+@pytest.mark.parametrize("camera", [{}, {"type": "ORTHO", "ortho_scale": 0.4}], ids=str)
+def test_a_twin_sees_what_the_users_camera_sees(settings, camera):
+    scene, direct = _frame(**{"shift_x": 0.2, "shift_y": -0.1} | settings | camera)
+    user = read_viewpoint(scene, scenes.depsgraph())
+    twin = bpy.data.objects.new("capture", bpy.data.cameras.new("capture"))
+    scene.collection.objects.link(twin)
+    _aim_camera(twin, direct, 10.0)
+    scene.camera = twin
+    bpy.context.view_layer.update()
+    points = np.random.default_rng(9).uniform((-0.3, 0.1, -0.1), (0.3, 0.5, 0.3), (50, 3))
+    seen = read_viewpoint(scene, scenes.depsgraph())
+    np.testing.assert_allclose(seen.pixels(points), user.pixels(points), atol=2e-3)
+
+
 @pytest.mark.parametrize("camera", [{}, {"type": "ORTHO", "ortho_scale": 0.4}], ids=str)
 @pytest.mark.parametrize("crop", [False, True])
 def test_the_direct_view_is_the_users_camera(camera, crop):
