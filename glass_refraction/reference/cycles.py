@@ -163,6 +163,19 @@ def _show_glasses(
         obj.visible_shadow = obj.visible_diffuse = style.shadows
         reference.collection.objects.link(obj)
         _receive_as(obj, names)
+        if reference.render.use_motion_blur:
+            _go_with(obj, names, scene_depsgraph(reference))
+
+
+def _go_with(obj: bpy.types.Object, names: list[str], depsgraph: bpy.types.Depsgraph) -> None:
+    """Have an object move as the one glass does that it stands for; one of several stands still."""
+    owners = [bpy.data.objects.get(name) for name in names]
+    if len(owners) == 1 and owners[0] is not None:
+        place = obj.matrix_basis.copy()
+        obj.parent = owners[0]
+        moved = owners[0].evaluated_get(depsgraph).matrix_world
+        obj.matrix_parent_inverse = moved.inverted_safe()
+        obj.matrix_basis = place
 
 
 def rendering_direct(scene: bpy.types.Scene) -> Generator[Request, object, np.ndarray]:

@@ -10,6 +10,7 @@ import scenes
 from mathutils import Matrix
 
 from glass_refraction import optics
+from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
 from glass_refraction.scene.rays.blur import PARTS
 from glass_refraction.scene.rays.exits import TIMES, TimePiece, _times
@@ -220,6 +221,10 @@ def test_the_edge_of_a_glass_that_passes_is_a_ramp(tmp_path, engine, mover, posi
     assert width > 8.0
     wanted = np.clip((np.arange(64) - 31.5 - left) / width, 0.0, 1.0)
     np.testing.assert_allclose(found, wanted, atol=0.06)
+    if engine == "CYCLES":
+        real = render_reference(scene, samples=64, surface="REFRACTION")
+        real = real[12:36, :, 0].mean(axis=0) / 0.5
+        np.testing.assert_allclose(real, wanted, atol=0.06)
 
 
 @pytest.mark.parametrize("mover", ["wall", "camera", "glass", "camera and glass", "all"])
