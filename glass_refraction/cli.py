@@ -235,9 +235,8 @@ def _bake(options: argparse.Namespace) -> None:
     folder = "" if options.folder is None else str(options.folder.resolve())
     baking = Baking(scene, bpy.context.evaluated_depsgraph_get(), folder, first, last)
     try:
-        while baking.frame is not None:
-            print(f"bake: frame {baking.frame}, {100 * baking.share:3.0f} %", file=sys.stderr)
-            baking.step()
+        for step in baking.steps():
+            print(f"bake: frame {step.label}, {100 * step.share:3.0f} %", file=sys.stderr)
     except BaseException:
         baking.cancel()
         raise

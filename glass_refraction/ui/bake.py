@@ -9,7 +9,6 @@ from ..scene import update as door
 from ..scene.bake.baking import Baking, free
 from ..scene.bake.files import Contents, frame_ranges, geometry_bytes
 from ..scene.bake.playback import baked
-from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
 from ..viewport.jobs import holds_data
 from . import staying
@@ -43,8 +42,6 @@ class SCENE_OT_refractive_glass_bake(Stepwise, bpy.types.Operator):
 
     def _steps(self, context: bpy.types.Context) -> Steps:
         scene = context.scene
-        if holds_data():
-            raise RefractiveGlassError("A render is running: bake when it has ended")
         baking = Baking(
             scene,
             context.evaluated_depsgraph_get(),
@@ -53,9 +50,7 @@ class SCENE_OT_refractive_glass_bake(Stepwise, bpy.types.Operator):
             scene.frame_end if self.frame_end < 0 else self.frame_end,
         )
         try:
-            while baking.frame is not None:
-                yield Step(baking.share, f"{baking.frame} / {baking.frames[-1]}")
-                baking.step()
+            yield from baking.steps()
             dropped = frame_ranges(baking.dropped)
         except BaseException:
             # Whatever it is: the scene must not be left as one that is being baked.

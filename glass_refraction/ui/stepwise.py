@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
+from contextlib import closing
 
 import bpy
 from bpy.app.translations import pgettext_rpt as _rpt
 
 from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError
+from ..viewport.jobs import holds_data
 
 SLICE_SECONDS = 0.05
 """An operator goes on with short steps for so long before windows are drawn again."""
@@ -22,6 +24,25 @@ Steps = Generator[Step | None, None, object]
 
 It may be closed at each and leaves all as it was then. None in place of a step: something goes on
 elsewhere, there is nothing to do before the next look, and closing must wait."""
+
+
+def _alone(steps: Steps) -> Steps:
+    """The steps, none of them while a render or the compositor reads what they would write.
+
+    One that works already is a reason not to begin; another window may begin one later.
+    """
+    if holds_data():
+        raise RefractiveGlassError(_rpt("A render is going on: wait for its end"))
+    with closing(steps):
+        while True:
+            try:
+                step = next(steps)
+            except StopIteration as end:
+                return end.value
+            yield step
+            while holds_data():
+                yield None
+
 
 _going: list[Stepwise] = []
 """Operators whose work is not done."""
@@ -49,7 +70,7 @@ class Stepwise:
     def invoke(self, context: bpy.types.Context, _event) -> set[str]:
         """Begin; :meth:`modal` goes on."""
         self._is_modal = True
-        self._work = self._steps(context)
+        self._work = _alone(self._steps(context))
         try:
             self._tell(context, next(self._work))
         except TROUBLE as error:
@@ -64,7 +85,7 @@ class Stepwise:
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """All steps at once, for scripts and without a window."""
-        work = self._steps(context)
+        work = _alone(self._steps(context))
         manager = context.window_manager
         manager.progress_begin(0, 100)
         try:

@@ -374,13 +374,18 @@ def test_materials_read_the_same_attributes(tmp_path):
         np.testing.assert_array_equal(now, then)
 
 
+def _bake_one(baking):
+    frame = baking.frame
+    next((step for step in baking.steps() if baking.frame != frame), None)
+
+
 def test_cancelling_leaves_everything_as_it_was(tmp_path):
     scene, _, _ = _scene(tmp_path)
     _bake(frame_start=1, frame_end=2)
     before = _files(_baked_folder(tmp_path))
     pictures = _pictures(scene, tmp_path, "before", frames=(1, 2))
     baking = Baking(scene, scenes.depsgraph(), "", 2, 3)
-    baking.step()
+    _bake_one(baking)
     baking.cancel()
     assert _files(_baked_folder(tmp_path)) == before
     assert baked(scene).frames == "1-2"
@@ -391,7 +396,7 @@ def test_cancelling_leaves_everything_as_it_was(tmp_path):
 def test_cancelling_the_first_bake_leaves_no_file(tmp_path):
     scene, _, _ = _scene(tmp_path)
     baking = Baking(scene, scenes.depsgraph(), "", 1, 3)
-    baking.step()
+    _bake_one(baking)
     assert _baked_folder(tmp_path).is_dir()
     baking.cancel()
     assert not _baked_folder(tmp_path).exists()
@@ -399,10 +404,37 @@ def test_cancelling_the_first_bake_leaves_no_file(tmp_path):
     assert _counted(lambda: scenes.picture(scene, tmp_path))["solves"] > 0
 
 
+def test_a_frame_in_parts_is_the_frame_at_once(tmp_path, monkeypatch):
+    scene, _, _ = _scene(tmp_path)
+    scene.render.use_motion_blur = True
+    for x in (-0.02, 0.02):
+        bpy.ops.mesh.primitive_cube_add(size=0.02, location=(x, 0.1, 0.06))
+    at_once = _counted(lambda: _bake(frame_start=2, frame_end=2))["solves"]
+    (picture,) = _pictures(scene, tmp_path, "whole", (2,))
+    monkeypatch.setattr("glass_refraction.scene.bake.baking.RENDER_SECONDS", 0.0)
+    baking = Baking(scene, scenes.depsgraph(), "", 2, 2)
+    steps = []
+    assert _counted(lambda: steps.extend(baking.steps()))["solves"] == at_once
+    shares = [step.share for step in steps]
+    assert len(shares) > 2 and shares == sorted(shares)
+    baking.finish()
+    np.testing.assert_array_equal(_pictures(scene, tmp_path, "parts", (2,))[0], picture)
+
+
+def test_nobody_bakes_or_updates_while_a_render_goes_on(tmp_path, monkeypatch):
+    scene, _, _ = _scene(tmp_path)
+    monkeypatch.setattr("glass_refraction.ui.stepwise.holds_data", lambda: True)
+    for operator in (_bake, bpy.ops.scene.refractive_glass_update):
+        with pytest.raises(RuntimeError, match="wait for its end"):
+            operator()
+    assert not is_held(scene)
+    assert find_layers(scene) is None
+
+
 def test_nobody_prepares_a_scene_that_is_being_baked(tmp_path):
     scene, _, glass = _scene(tmp_path)
     baking = Baking(scene, scenes.depsgraph(), "", 1, 3)
-    baking.step()
+    _bake_one(baking)
     glass.location.x += 0.01
     found = _counted(lambda: door.prepare(scene, scenes.depsgraph()))
     assert found == {}
@@ -414,7 +446,7 @@ def test_frames_that_no_longer_fit_go(tmp_path):
     _bake()
     scene.render.resolution_x += 8
     baking = Baking(scene, scenes.depsgraph(), "", 2, 2)
-    baking.step()
+    _bake_one(baking)
     assert baking.dropped == [1, 3]
     baking.finish()
     assert baked(scene).frames == "2"

@@ -9,6 +9,7 @@ draws nothing and hands its depsgraph on.
 from __future__ import annotations
 
 import secrets
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,7 @@ import bpy
 
 from .. import update as door
 from ..build.own_scenes import find_own_scenes
+from ..memory import Step
 from ..names import RefractiveGlassError
 from ..read.viewpoint import render_size, shutter_times
 from .files import (
@@ -39,6 +41,9 @@ from .playback import (
     under_way,
     used_layers,
 )
+
+RENDER_SECONDS = 1.0
+"""A render solves for so long before windows are drawn again."""
 
 Receiver = Callable[[bpy.types.Depsgraph, Callable], None]
 """Takes an evaluated depsgraph, and a function that evaluates it at another (frame, sub-frame)."""
@@ -117,7 +122,7 @@ def _all_layers(own_scene: bpy.types.Scene) -> Iterator[None]:
 
 
 class Baking:
-    """A bake under way: :meth:`step` for each frame, then :meth:`finish`, or :meth:`cancel`.
+    """A bake under way: :meth:`steps` to their end, then :meth:`finish`, or :meth:`cancel`.
 
     Frames that were baked before and lie outside the range stay. Nothing of the folder changes
     before :meth:`finish`.
@@ -157,7 +162,8 @@ class Baking:
         self.scene = scene
         self.frames = range(first, last + 1)
         self.problems: list[str] = []
-        self._position = 0
+        self._position = self._reached = 0
+        self._coming: Step | None = None
         self._was = scene.frame_current, scene.frame_subframe
         self._before = baked(scene)
         self.directory = _directory(scene, directory)
@@ -197,27 +203,47 @@ class Baking:
         return [frame for frame in old if frame not in self.frames]
 
     @property
-    def share(self) -> float:
-        """The part of the frames that is done."""
-        return self._position / len(self.frames)
-
-    @property
     def frame(self) -> int | None:
-        """The frame that :meth:`step` bakes next; None when all are."""
+        """The frame that :meth:`steps` is at; None when all are baked."""
         return self.frames[self._position] if self._position < len(self.frames) else None
 
-    def step(self) -> None:
-        """Solve one frame and write it."""
+    def steps(self) -> Iterator[Step]:
+        """Solve and write frame after frame; yields where windows may be drawn, and it may end."""
+        while self.frame is not None:
+            yield self._step(0.0, "")
+            problems = door.status(self.scene).problems
+            yield from self._solving()
+            self._write(problems)
+
+    def _step(self, share: float, label: str) -> Step:
+        frames = f"{self.frame} / {self.frames[-1]}"
+        total = (self._position + share) / len(self.frames)
+        return Step(total, f"{frames}: {label}" if label else frames)
+
+    def _solving(self) -> Iterator[Step]:
+        """Solve the frame, in several renders where one would hold the windows for long.
+
+        Each goes on where the last one ended: what was solved is not solved again.
+        """
+        scene, self._reached = self.scene, 0
+        layer = next((v for v in scene.view_layers if v.use), scene.view_layers[0])
+        while True:
+            scene.frame_set(self.frame)
+            self._coming = None
+            with _engine():
+                _evaluate(scene, self._solve, layer.name)
+            if self._coming is None:
+                return
+            yield self._step(self._coming.share, self._coming.label)
+
+    def _write(self, problems: list[str]) -> None:
+        """Write the frame; ``problems`` were known before."""
         frame, scene, own_scenes = self.frame, self.scene, self._own_scenes
         times = _moments(scene, frame)
-        scene.frame_set(frame)
-        layer = next((v for v in scene.view_layers if v.use), scene.view_layers[0])
-        problems = door.status(scene).problems
         with _engine():
-            _evaluate(scene, self._solve, layer.name)
             self._evaluate_own(frame, self._write_geometry)
-            if times:
-                self._moments[frame] = times
+        if times:
+            self._moments[frame] = times
         for problem in door.status(scene).problems:
             if problem not in problems:
                 self.problems.append(f"From frame {frame}: {problem}")
@@ -335,14 +361,19 @@ class Baking:
         )
 
     def _solve(self, depsgraph: bpy.types.Depsgraph, frame_set: Callable) -> None:
-        """Solve the frame, and where its copies are at the moments round it."""
+        """Solve more of the frame, and at its end where its copies are at the moments round it."""
         scene, frame = self.scene, self.frame
         under_way.discard(scene.session_uid)
         try:
-            door.update(scene, depsgraph)
-            for time in _moments(scene, frame):
+            until = time.perf_counter() + RENDER_SECONDS
+            for number, step in enumerate(door.updating(scene, depsgraph)):
+                # Each render comes further than the one before, however long that takes.
+                if number > self._reached and time.perf_counter() > until:
+                    self._reached, self._coming = number, step
+                    return
+            for moment in _moments(scene, frame):
                 # The handler of frame changes hands it on.
-                frame_set(int(time // 1), time % 1)
+                frame_set(int(moment // 1), moment % 1)
         finally:
             under_way.add(scene.session_uid)
 
@@ -360,16 +391,16 @@ class Baking:
             scene = depsgraph.scene
             blurred = scene.render.use_motion_blur
             # The frame itself comes last, so that all stands there afterwards.
-            for time in (*_moments(self.scene, frame), frame) if blurred else (frame,):
-                if time != frame:
-                    frame_set(int(time // 1), time % 1)
+            for moment in (*_moments(self.scene, frame), frame) if blurred else (frame,):
+                if moment != frame:
+                    frame_set(int(moment // 1), moment % 1)
                 elif blurred:
                     frame_set(frame, 0.0)
                 for evaluated in depsgraph.objects:
                     name = names.get(evaluated.original.session_uid)
-                    if name is not None and (time, name) not in seen:
-                        seen.add((time, name))
-                        receiver(time, name, evaluated.data)
+                    if name is not None and (moment, name) not in seen:
+                        seen.add((moment, name))
+                        receiver(moment, name, evaluated.data)
 
         for own_scene in self._own_scenes:
             own_scene.frame_current = frame
