@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bpy
+from bpy.app.translations import pgettext_rpt as _rpt
 
 from ..scene import update as door
 from ..scene.bake.baking import Baking, free
@@ -79,7 +80,10 @@ class SCENE_OT_refractive_glass_bake_free(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return baked(context.scene) is not None and not holds_data()
+        if holds_data():
+            cls.poll_message_set(_rpt("A render is going on: wait for its end"))
+            return False
+        return baked(context.scene) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene

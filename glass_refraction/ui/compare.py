@@ -95,7 +95,7 @@ difference"""
         from ..reference.compare import comparing
         from ..reference.picture import Requests
 
-        told = Step(0.0, "")
+        told = Step(0.0, "preparing")
 
         def progress(share: float, label: str) -> None:
             nonlocal told

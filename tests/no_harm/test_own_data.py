@@ -14,7 +14,7 @@ import glass_refraction
 from glass_refraction import handlers
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build import own_scenes
-from glass_refraction.scene.build.compositor import has_group
+from glass_refraction.scene.build.compositor import group_node, has_group
 from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.build.own_scenes import user_scene_of
 from glass_refraction.scene.names import NODE_GROUPS, TAG, RefractiveGlassError, own
@@ -180,9 +180,12 @@ def test_scenes_that_share_a_tree_keep_their_own_nodes(scene):
     assert not has_group(other)
 
 
+@pytest.mark.parametrize("shading", ["TRUE", "DISPLACED"])
 @pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
-def test_a_copied_scene_gets_nodes_of_its_own(scene, kind):
+def test_a_copied_scene_gets_nodes_of_its_own(scene, kind, shading):
+    scene.refractive_glass.shading = shading
     _prepare(scene)
+    scene.name = "Renamed"
     bpy.ops.scene.new(type=kind)
     copied = bpy.context.scene
     assert copied != scene
@@ -191,10 +194,10 @@ def test_a_copied_scene_gets_nodes_of_its_own(scene, kind):
     tree = copied.compositing_node_group
     assert tree != scene.compositing_node_group
     asked = {n.scene for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers"}
-    assert asked == {copied, *find_layers(copied).all()}
-    assert not {s.name for s in asked} & {s.name for s in find_layers(scene).all()}
+    assert {user_scene_of(s) for s in asked - {copied}} == {copied}
+    assert group_node(copied).node_tree != group_node(scene).node_tree
     door.remove(copied)
-    assert find_layers(scene) is not None
+    assert own_scenes.find_own_scenes(scene)
     assert has_group(scene)
 
 

@@ -17,6 +17,7 @@ import bpy
 from ..bake.files import BAKE
 from ..names import TAG, hidden_name, own
 from ..read.visibility import rendered_layer
+from .own_scenes import user_scene_of
 
 _SCENE = "refractive_glass_scene"
 _FROM = "refractive_glass_from"
@@ -40,7 +41,7 @@ def insert_group(
     The group node. Where the scene has no compositor tree, one is made; it goes with the group.
     """
     node = group_node(scene)
-    if node is not None and _is_copied(node, scene):
+    if node is not None and _is_copied(scene):
         remove_group(scene)
         node = None
     if node is None:
@@ -80,7 +81,7 @@ def group_node(scene: bpy.types.Scene) -> bpy.types.Node | None:
 def has_group(scene: bpy.types.Scene) -> bool:
     """Whether the scene's tree holds the extension's group for this scene."""
     node = group_node(scene)
-    return node is not None and node.node_tree is not None and not _is_copied(node, scene)
+    return node is not None and node.node_tree is not None and not _is_copied(scene)
 
 
 def can_insert(scene: bpy.types.Scene) -> bool:
@@ -206,9 +207,13 @@ def _take_out(nodes: list[bpy.types.Node]) -> None:
         tree.nodes.remove(node)
 
 
-def _is_copied(node: bpy.types.Node, scene: bpy.types.Scene) -> bool:
-    """Whether the node came with a copy of another scene; a scene renamed keeps its node."""
-    return node.get(_SCENE) != scene.name and node.get(_SCENE) in bpy.data.scenes
+def _is_copied(scene: bpy.types.Scene) -> bool:
+    """Whether the nodes came with a copy of another scene: what they ask for is that one's.
+
+    Names do not tell: either scene may have been renamed.
+    """
+    asked = [n.scene for n in nodes_of(scene) if n[TAG] == "asking"]
+    return any(own_scene is None or user_scene_of(own_scene) != scene for own_scene in asked)
 
 
 def _users_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..build.compositor import group_node, insert_group
+from ..build.compositor import group_node, has_group, insert_group
 from ..build.mirrored import prepare_mirrored, remove_mirrored, write_mirrored
 from ..build.own_scenes import (
     find_own_scenes,
@@ -164,8 +164,8 @@ def _structure(scene: bpy.types.Scene) -> str:
 
 def _stands(scene: bpy.types.Scene) -> bool:
     """Whether the compositor tree is the one that the scene's settings ask for."""
-    tree = getattr(group_node(scene), "node_tree", None)
-    return tree is not None and tree.get(_STRUCTURE) == _structure(scene)
+    # A copied scene comes with the other's.
+    return has_group(scene) and group_node(scene).node_tree.get(_STRUCTURE) == _structure(scene)
 
 
 def has_light(scene: bpy.types.Scene) -> bool:
