@@ -207,8 +207,10 @@ def _draw_mesh(
     """Say that the mesh is the glass, and what of it is not closed."""
     draw_lines(layout, context, _iface("The object's own mesh is the glass"), "INFO")
     mesh = evaluated.data
+    if not len(mesh.polygons) and len(evaluated.modifiers) == 1:
+        # While a 3D view draws what is seen through it, the glass's modifier leaves edges only.
+        mesh = evaluated.original.data
     if not len(mesh.polygons):
-        # While a 3D view draws what is seen through it, there are only edges.
         text = _iface("Switch Refracted Picture off to see here whether the mesh is a whole glass")
         draw_lines(layout, context, text, "INFO")
         return

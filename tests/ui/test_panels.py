@@ -164,10 +164,15 @@ def test_what_is_baked_is_told_in_lines_that_fit(monkeypatch):
     assert "Frame 1 shows frame 2" in " ".join(shown.drawn)
 
 
-def test_a_mesh_whose_faces_a_view_hides_is_told_to_be_unchecked():
+def test_a_mesh_whose_faces_a_view_hides_is_checked_unless_modifiers_change_it():
     bpy.ops.mesh.primitive_cube_add()
+    obj = bpy.context.object
+    obj.data.flip_normals()
     bpy.ops.object.refractive_glass_modifier_add()
-    said = "Switch Refracted Picture off"
-    assert said not in " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
-    write_input(glass_modifier(bpy.context.object), "Edges in Viewport", True)
-    assert said in " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
+    write_input(glass_modifier(obj), "Edges in Viewport", True)
+    wrong, unchecked = "Inside out", "Switch Refracted Picture off"
+    said = " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
+    assert wrong in said and unchecked not in said
+    obj.modifiers.new("Bevel", "BEVEL")
+    said = " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
+    assert wrong not in said and unchecked in said
