@@ -107,8 +107,11 @@ def _with_corners(b: TreeBuilder, shown, is_mesh, own):
     """
     realised = b.node("RealizeInstances")
     b.link(own, realised.inputs["Geometry"])
-    triangles = b.node("Triangulate")
-    b.link(realised.outputs[0], triangles.inputs["Mesh"])
+    kept = b.node("CaptureAttribute", domain="CORNER")
+    kept.capture_items.new("VECTOR", "Normal")
+    b.link(realised.outputs[0], kept.inputs["Geometry"])
+    b.link(b.node("InputNormal").outputs["Normal"], kept.inputs["Normal"])
+    triangles = _triangulated(b, kept.outputs["Geometry"])
     size = b.node("AttributeDomainSize", component="MESH")
     b.link(triangles.outputs[0], size.inputs["Geometry"])
     row = b.node("MeshLine", mode="OFFSET")
@@ -129,12 +132,52 @@ def _with_corners(b: TreeBuilder, shown, is_mesh, own):
     store = b.node("StoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
     b.link(place.outputs[0], store.inputs["Geometry"])
     store.inputs["Name"].default_value = CORNER_NORMAL
-    normal = of_corner(b.node("InputNormal").outputs["Normal"])
+    normal = of_corner(kept.outputs["Normal"])
     b.link(normal, enabled(store.inputs, "Value"))
     both = b.node("JoinGeometry")
     b.link(store.outputs[0], both.inputs[0])
     b.link(shown, both.inputs[0])
     return b.switch("GEOMETRY", is_mesh, shown, both.outputs[0])
+
+
+def _triangulated(b: TreeBuilder, mesh):
+    """The node whose output has a mesh's faces as the triangles that engines draw.
+
+    Normals are interpolated within each, so what a smooth surface refracts depends on how its faces
+    are split: quads from their first to their third corner, or else, where the others lie on one
+    side of that line, from the second to the fourth; all others by their ears.
+    """
+
+    def corner(number):
+        corners = b.node("CornersOfFace")
+        corners.inputs["Sort Index"].default_value = number
+        vertex = b.node("VertexOfCorner")
+        b.link(corners.outputs["Corner Index"], vertex.inputs["Corner Index"])
+        place = b.node("FieldAtIndex", data_type="FLOAT_VECTOR", domain="POINT")
+        b.link(vertex.outputs["Vertex Index"], place.inputs["Index"])
+        b.link(b.node("InputPosition").outputs[0], place.inputs["Value"])
+        return place.outputs[0]
+
+    def vector(operation, first, second):
+        node = b.node("ShaderNodeVectorMath", operation=operation)
+        b.link(first, node.inputs[0])
+        b.link(second, node.inputs[1])
+        return node.outputs["Value" if operation == "DOT_PRODUCT" else "Vector"]
+
+    first = corner(0)
+    second, third, fourth = (vector("SUBTRACT", corner(k), first) for k in (1, 2, 3))
+    sides = vector("CROSS_PRODUCT", second, third), vector("CROSS_PRODUCT", fourth, third)
+    same_side = b.node("FunctionNodeCompare", data_type="FLOAT", operation="GREATER_THAN")
+    b.link(vector("DOT_PRODUCT", *sides), enabled(same_side.inputs, "A"))
+    enabled(same_side.inputs, "B").default_value = 0.0
+    for method, wanted in (("Fixed Alternate", same_side.outputs[0]), ("Fixed", True)):
+        split = b.node("Triangulate")
+        split.inputs["Quad Method"].default_value = method
+        split.inputs["N-gon Method"].default_value = "Clip"
+        b.link(mesh, split.inputs["Mesh"])
+        b.link(wanted, split.inputs["Selection"])
+        mesh = split.outputs[0]
+    return split
 
 
 def _is_solid(b: TreeBuilder, menu, wall):

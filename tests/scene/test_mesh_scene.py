@@ -355,6 +355,44 @@ def test_displaced_shading_says_that_it_knows_no_meshes(tmp_path):
     assert read_input(glass_modifier(ball), "Show in Render")
 
 
+def _crooked():
+    """Suzanne, and beside her a crooked quad, a concave one either way, and a concave star."""
+    bpy.ops.mesh.primitive_monkey_add(size=0.1)
+    bpy.ops.object.shade_smooth()
+    obj = bpy.context.object
+    points = [tuple(v.co) for v in obj.data.vertices]
+    faces = [tuple(face.vertices) for face in obj.data.polygons]
+    angle = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
+    radius = np.where(np.arange(10) % 2, 0.4, 1.0)
+    star = np.stack((radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle), axis=1)
+    arrow = np.array([(0, 0, 0), (1, -1, 0), (0, 1, 0), (-1, -1, 0.1)])
+    crooked = np.array([(0, 0, 0), (1, 0, 0.5), (1, 1, 0), (0, 1, 0.5)])
+    for k, face in enumerate((star, arrow, np.roll(arrow, 1, axis=0), crooked)):
+        faces.append(tuple(range(len(points), len(points) + len(face))))
+        points += (0.02 * face + (0.2 + 0.1 * k, 0.0, 0.0)).tolist()
+    mesh = bpy.data.meshes.new("Crooked")
+    mesh.from_pydata(points, [], faces)
+    mesh.shade_smooth()
+    obj.data = mesh
+    return obj
+
+
+def test_the_triangles_of_a_mesh_are_those_that_engines_draw(tmp_path):
+    scenes.camera()
+    scene = scenes.settings(24, 18, samples=1, shading="TRUE", surface="GLASS")
+    obj = _crooked()
+    # What each corner of a triangle has tells that triangle from all others.
+    wanted = np.concatenate(triangles_of(obj.data), axis=2).reshape(-1, 18)
+    _own_mesh(obj)
+    glass = _rendered_mesh(scene, tmp_path)
+    found = np.concatenate((glass.points, glass.normals), axis=2).reshape(-1, 18)
+    # A triangle may begin at any of its corners.
+    turned = np.concatenate([np.roll(found, 6 * k, axis=1) for k in range(3)])
+    apart = np.abs(turned[:, None] - wanted[None]).max(axis=2).min(axis=0)
+    assert len(found) == len(wanted)
+    assert apart.max() < 1e-5
+
+
 def test_open_meshes_are_recognised():
     ball = _ball(segments=8)
     assert open_edges(ball.data) == (0, 0)
