@@ -23,7 +23,7 @@ import numpy as np
 from .bake.playback import bake_problems, is_held
 from .build.compositor import can_insert, remove_group, remove_stray_nodes, shown_scenes
 from .build.own_scenes import find_own_scenes, own_blocks, remove_leftovers, remove_own_scenes
-from .build.standing import blocks_of, made_for
+from .build.standing import blocks_of, held_by, made_for
 from .changes import generation
 from .memory import Status, Step, counters, forget, memory_of, status
 from .names import RefractiveGlassError, own
@@ -308,6 +308,10 @@ def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
         return
     # The materials and the modifier of glasses are the file's.
     blocks = [block for block in blocks_of(scene) if not own(block, "glass")]
+    # A tree that nothing uses any more is not written, but what is in it would be.
+    for tree in bpy.data.node_groups:
+        if own(tree, "composite") and tree.users == 0 and tree.library is None:
+            blocks += filter(own, held_by(tree))
     true.set_aside(scene)
     remove_group(scene)
     memory_of(scene).made = made_for(scene)

@@ -338,4 +338,19 @@ def test_a_file_that_is_written_shows_all_glasses_as_meshes(tmp_path):
     door.put_back()
     with bpy.data.libraries.load(path) as (saved, _):
         assert sorted(saved.scenes) == sorted((scene.name, other.name))
-        assert not [name for name in saved.images if name.startswith(".Refractive")]
+        assert not [name for name in saved.images if name.startswith(".")]
+
+
+def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_path):
+    """The pictures in it have a user, though the tree itself is not written."""
+    scene, *_ = _scene(shading="TRUE")
+    door.prepare(scene, scenes.depsgraph(), strict=True)
+    scene.compositing_node_group.nodes.clear()
+    left = [t for t in bpy.data.node_groups if own(t, "composite")]
+    assert [tree.users for tree in left] == [0]
+    door.set_aside(scene)
+    path = str(tmp_path / "file.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
+    door.put_back()
+    with bpy.data.libraries.load(path) as (saved, _):
+        assert not [n for n in (*saved.images, *saved.node_groups) if n.startswith(".")]

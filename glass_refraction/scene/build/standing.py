@@ -33,16 +33,16 @@ def blocks_of(scene: bpy.types.Scene) -> list[bpy.types.ID]:
             )
             blocks += [modifier.node_group for modifier in obj.modifiers]
     group = group_node(scene)
-    blocks += _held_by(group.node_tree if group is not None else None)
+    blocks += held_by(group.node_tree if group is not None else None)
     return [block for block in blocks if own(block)]
 
 
-def _held_by(tree: bpy.types.NodeTree | None) -> list[bpy.types.ID | None]:
+def held_by(tree: bpy.types.NodeTree | None) -> list[bpy.types.ID | None]:
     """A node tree with the trees and images in it."""
     found: list[bpy.types.ID | None] = [tree]
     for node in tree.nodes if tree is not None else ():
         if node.bl_idname == "CompositorNodeGroup":
-            found += _held_by(node.node_tree)
+            found += held_by(node.node_tree)
         elif node.bl_idname == "CompositorNodeImage":
             found.append(node.image)
     return found
