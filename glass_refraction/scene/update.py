@@ -309,6 +309,7 @@ def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
     # The materials and the modifier of glasses are the file's.
     blocks = [block for block in blocks_of(scene) if not own(block, "glass")]
     # A tree that nothing uses any more is not written, but what is in it would be.
+    remove_stray_nodes()
     for tree in bpy.data.node_groups:
         if own(tree, "composite") and tree.users == 0 and tree.library is None:
             blocks += filter(own, held_by(tree))

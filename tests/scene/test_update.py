@@ -9,7 +9,7 @@ import scenes
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.layers import ROLES, find_layers
 from glass_refraction.scene.build.own_scenes import source_of
-from glass_refraction.scene.names import RefractiveGlassError, own
+from glass_refraction.scene.names import TAG, RefractiveGlassError, own
 from glass_refraction.scene.read.glasses import glass_modifier
 from glass_refraction.scene.read.modifier_inputs import read_input
 
@@ -341,13 +341,21 @@ def test_a_file_that_is_written_shows_all_glasses_as_meshes(tmp_path):
         assert not [name for name in saved.images if name.startswith(".")]
 
 
-def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_path):
+@pytest.mark.parametrize("way", ["nodes deleted", "tree replaced"])
+def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_path, way):
     """The pictures in it have a user, though the tree itself is not written."""
     scene, *_ = _scene(shading="TRUE")
     door.prepare(scene, scenes.depsgraph(), strict=True)
-    scene.compositing_node_group.nodes.clear()
-    left = [t for t in bpy.data.node_groups if own(t, "composite")]
-    assert [tree.users for tree in left] == [0]
+    if way == "nodes deleted":
+        scene.compositing_node_group.nodes.clear()
+        left = [t for t in bpy.data.node_groups if own(t, "composite")]
+        assert [tree.users for tree in left] == [0]
+    else:
+        tree = scene.compositing_node_group
+        tree.name, tree.use_fake_user = "Mine", True
+        # As a user's tree: what is the extension's own is not written.
+        del tree[TAG]
+        scene.compositing_node_group = None
     door.set_aside(scene)
     path = str(tmp_path / "file.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
