@@ -163,8 +163,10 @@ def _show_glasses(
         obj.visible_shadow = obj.visible_diffuse = style.shadows
         reference.collection.objects.link(obj)
         _receive_as(obj, names)
-        if reference.render.use_motion_blur:
-            _go_with(obj, names, scene_depsgraph(reference))
+    if reference.render.use_motion_blur:
+        depsgraph = scene_depsgraph(reference)
+        for obj, names in made.items():
+            _go_with(obj, names, depsgraph)
 
 
 def _go_with(obj: bpy.types.Object, names: list[str], depsgraph: bpy.types.Depsgraph) -> None:

@@ -417,8 +417,9 @@ def _summed(frame: FrameInput, stage: Stage, placed: Placed, rays: Rays) -> Fram
     order = np.argsort(known, kind="stable")
     known, radiance = known[order], radiance[order]
     colour = radiance * lookups.colour[known] * lookups.share[known, None]
-    is_lamp = (view_number[known] == KNOWN) & (lookups.triangle[known] >= 0)
-    opaque = (view_number[known] == KNOWN) & ~lookups.clear[known]
+    is_known = view_number[known] == KNOWN
+    is_lamp = is_known & (lookups.triangle[known] >= 0)
+    opaque = is_known & ~lookups.clear[known]
     opaque = (opaque * weight[known])[:, None] * np.ones(3)
     width, height = _window_size(frame.view)
     covering = np.bincount(pixel, weight, width * height)
