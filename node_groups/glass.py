@@ -14,6 +14,8 @@ from . import shadow
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass"
+VERSION = 1
+"""Counts the changes of this group: older files get the newest one by it (``scene/names.py``)."""
 SHAPES = ("Slab", "Cylinder", "Rod", "Sphere", "Tumbler", "Revolution", "Mesh")
 CORNER_NORMAL = "rg_corner_normal"
 """Attribute of a mesh's loose points that renders leave out: the normal of a triangle's corner."""
@@ -25,6 +27,7 @@ def build():
     """Build the group and return it."""
     b = TreeBuilder(NAME, "glass")
     b.tree.is_modifier = True
+    b.tree["refractive_glass_version"] = VERSION
     _interface(b)
     group = b.node("NodeGroupInput")
     radius, wall = group.outputs["Radius"], group.outputs["Wall Thickness"]

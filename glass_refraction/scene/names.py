@@ -19,8 +19,9 @@ OCCLUDER_GROUP = "Refractive Glass Occluder"
 
 NODE_GROUPS = Path(__file__).resolve().parents[2] / "node_groups" / "refractive_glass.blend"
 
-NEWEST_INPUT = "In Mirrors"
-"""Of the glass's modifier: a file that an older version saved has a group without it."""
+VERSION_KEY = f"{TAG}_version"
+GLASS_VERSION = 1
+"""Of the modifier's node group; ``node_groups/glass.py`` counts it. Older files bring older ones."""
 
 
 def own(data_block: bpy.types.ID | None, role: str | None = None) -> bool:
@@ -42,7 +43,7 @@ class RefractiveGlassError(Exception):
 
 def _is_current(group: bpy.types.NodeTree, name: str) -> bool:
     """Whether a group that a file brings along can do all that the extension's own can."""
-    return name != MODIFIER or any(i.name == NEWEST_INPUT for i in group.interface.items_tree)
+    return name != MODIFIER or group.get(VERSION_KEY, 0) >= GLASS_VERSION
 
 
 def _sockets(group: bpy.types.NodeTree) -> set[tuple[str, str, str]]:

@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The node groups' file is what the code beside it builds."""
 
+import hashlib
+
 import bpy
 
-from glass_refraction.scene.names import NODE_GROUPS
+from glass_refraction.scene.names import GLASS_VERSION, MODIFIER, NODE_GROUPS, VERSION_KEY
 from node_groups.build import build
+
+GLASS_GROUPS = {1: "d0a51eb15534"}
+"""What each version of the glass's node group is, in short: a changed group is a new version."""
 
 
 def _value(socket):
@@ -15,15 +20,15 @@ def _value(socket):
 
 
 def _described(path):
-    """Every group as text: sockets, nodes with their values, links."""
+    """The text of every group, by name: sockets, nodes with their values, links."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with bpy.data.libraries.load(str(path)) as (available, wanted):
         wanted.node_groups = list(available.node_groups)
-    lines = []
+    found = {}
     trees = [(m.name, m, m.node_tree) for m in bpy.data.materials]
     trees += [(group.name, group, group) for group in bpy.data.node_groups]
     for name, owner, group in sorted(trees, key=lambda tree: tree[0]):
-        lines.append(f"{name} {owner.get('refractive_glass')}")
+        lines = found[name] = [f"{name} {owner.get('refractive_glass')}"]
         for item in group.interface.items_tree:
             lines.append(f"  {item.in_out} {item.name} {item.socket_type} {item.description}")
         for node in group.nodes:
@@ -34,10 +39,13 @@ def _described(path):
             f"{k.to_node.name}.{k.to_socket.identifier}"
             for k in group.links
         )
-    return "\n".join(lines)
+    return {name: "\n".join(lines) for name, lines in found.items()}
 
 
 def test_the_file_is_built_from_the_code(tmp_path):
     built = _described(build(tmp_path / "built.blend"))
-    assert "Refractive Glass Copy copy" in built
+    assert "Refractive Glass Copy" in built
     assert _described(NODE_GROUPS) == built
+    assert bpy.data.node_groups[MODIFIER][VERSION_KEY] == GLASS_VERSION
+    digest = hashlib.sha256(built[MODIFIER].encode()).hexdigest()[:12]
+    assert digest == GLASS_GROUPS[GLASS_VERSION], "count VERSION in node_groups/glass.py and names"
