@@ -330,6 +330,7 @@ def _on_save(*_) -> None:
         _withdrawn.update(scene.session_uid for scene in made)
         for scene in sorted(made, key=lambda s: s.refractive_glass.shading == "TRUE"):
             door.set_aside(scene, rendering=_renders())
+        door.set_aside_strays()
 
 
 @persistent

@@ -57,6 +57,7 @@ __all__ = [
     "put_back",
     "remove",
     "set_aside",
+    "set_aside_strays",
     "status",
     "update",
     "updating",
@@ -308,17 +309,24 @@ def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
         return
     # The materials and the modifier of glasses are the file's.
     blocks = [block for block in blocks_of(scene) if not own(block, "glass")]
-    # A tree that nothing uses any more is not written, but what is in it would be.
-    remove_stray_nodes()
-    for tree in bpy.data.node_groups:
-        if own(tree, "composite") and tree.users == 0 and tree.library is None:
-            blocks += filter(own, held_by(tree))
     true.set_aside(scene)
     remove_group(scene)
     memory_of(scene).made = made_for(scene)
     for block in blocks:
         block.is_runtime_data = True
     _show_meshes(scene)
+
+
+def set_aside_strays() -> None:
+    """Have a file that is written now hold nothing of what users took out of their scenes' trees.
+
+    A tree that nothing uses any more is not written, but what is in it would be.
+    """
+    remove_stray_nodes()
+    for tree in bpy.data.node_groups:
+        if own(tree, "composite") and tree.users == 0 and tree.library is None:
+            for block in filter(own, held_by(tree)):
+                block.is_runtime_data = True
 
 
 def put_back() -> None:

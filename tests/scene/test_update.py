@@ -357,6 +357,7 @@ def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_p
         del tree[TAG]
         scene.compositing_node_group = None
     door.set_aside(scene)
+    door.set_aside_strays()
     path = str(tmp_path / "file.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
     door.put_back()
