@@ -21,7 +21,7 @@ from glass_refraction.scene.rays.exits import Endings, ending
 from glass_refraction.scene.read.glasses import read_glasses
 from glass_refraction.scene.read.sources import pieces, source_objects, world_positions
 from glass_refraction.scene.read.viewpoint import read_viewpoint
-from glass_refraction.scene.vertices.kept_paths import kept_paths
+from glass_refraction.scene.vertices.kept_paths import bright_paths
 from glass_refraction.scene.vertices.regions import (
     centre_weights,
     path_regions,
@@ -205,7 +205,8 @@ def _counts(scene: bpy.types.Scene) -> dict:
             vertices += len(world_positions(parts))
     glasses = []
     for glass in read_glasses(depsgraph):
-        kept = kept_paths(scene, glass, view)
+        settings = scene.refractive_glass
+        kept = bright_paths(glass, view, settings.min_weight, settings.surface == "GLASS")
         listed = optics.light_paths(glass.description, view.eye_for(glass), min_weight=LISTED)
         weights, hit = centre_weights(glass, view, listed)
         mean = weights[:, hit].sum(axis=1) / max(1, hit.sum())

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -55,14 +56,6 @@ class Status:
     covered: int = 0
 
 
-@dataclass(frozen=True)
-class Step:
-    """How far an update has come: the part that is done (0 to 1), and what comes next."""
-
-    share: float
-    label: str
-
-
 CopyKey = tuple[int, int, int]
 """Number of the pane, of the slot, and the source's session uid."""
 
@@ -75,6 +68,7 @@ class Memory:
     ----------
     plan : what the own scenes of displaced copies were made for; None if there are none.
     regions : pane -> of its light paths.
+    weights : (pane, slot) -> what those were found from that its image holds.
     shown : pane -> the glass, and the paths by their slots, as they were at the last update.
     copies : what each copy holds; no entry where it is empty.
     occluders : session uid -> of objects that Geometry Nodes cannot take.
@@ -83,7 +77,7 @@ class Memory:
     centre : the rendered frame's own time, once it is known; motion blur asks for others round it.
     exposure : that frame in True shading, while other moments of its shutter are awaited.
     moments : time -> where the vertices of each copy are then.
-    paths : glass and colour -> the paths that are kept.
+    paths : glass with its colour, and the kind of paths -> the paths that are kept.
     casters : of rays, which know what stands in their targets.
     kept, kept_light : ways of rays that the next frame may use, of the eye's and of the lamps'.
     mirrored : session uid of an own object that mirrors show -> stamp of what it holds.
@@ -94,6 +88,7 @@ class Memory:
 
     plan: Plan | None = None
     regions: dict[int, tuple[tuple, Regions]] = field(default_factory=dict)
+    weights: dict[tuple[int, int], tuple] = field(default_factory=dict)
     shown: dict[int, tuple[Glass | None, dict[int, optics.LightPath]]] = field(default_factory=dict)
     copies: dict[CopyKey, tuple[tuple, Source, Appearance]] = field(default_factory=dict)
     occluders: dict[int, Snapshot] = field(default_factory=dict)
@@ -103,7 +98,7 @@ class Memory:
     centre: float | None = None
     exposure: Exposure | None = None
     moments: dict[float, dict[CopyKey, np.ndarray]] = field(default_factory=dict)
-    paths: dict[str, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
+    paths: dict[Hashable, tuple[tuple, tuple[optics.LightPath, ...]]] = field(default_factory=dict)
     standing: list[str] = field(default_factory=list)
     """What was wrong when the scene was prepared; a frame's own problems come on top."""
     last: list[str] = field(default_factory=list)

@@ -21,7 +21,7 @@ NODE_GROUPS = Path(__file__).resolve().parents[2] / "node_groups" / "refractive_
 
 VERSION_KEY = f"{TAG}_version"
 GLASS_VERSION = 1
-"""Of the modifier's node group; ``node_groups/glass.py`` counts it. Older files bring older ones."""
+"""Of the modifier's node group; ``node_groups/glass.py`` counts it. Older files have older ones."""
 
 
 def own(data_block: bpy.types.ID | None, role: str | None = None) -> bool:

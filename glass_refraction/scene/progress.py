@@ -19,6 +19,7 @@ _ASK_SECONDS = 0.02
 
 _doing: str | None = None
 _stopping = False
+_here = threading.local()
 
 
 class Stopped(Exception):
@@ -39,8 +40,15 @@ def ask_to_stop() -> None:
 
 def check() -> None:
     """Raise :class:`Stopped` where that was asked for. Called all few tenths of a second."""
-    if _stopping:
+    given_up = getattr(_here, "given_up", None)
+    if _stopping or (given_up is not None and given_up.is_set()):
         raise Stopped
+
+
+def given_up_by(given_up: threading.Event, work: Callable[[], object]) -> object:
+    """Do work that is stopped, too, when an event tells that nobody waits for it any more."""
+    _here.given_up = given_up
+    return work()
 
 
 def tell(doing: str | None) -> None:

@@ -25,7 +25,7 @@ from .build.compositor import can_insert, remove_group, remove_stray_nodes, show
 from .build.own_scenes import find_own_scenes, own_blocks, remove_leftovers, remove_own_scenes
 from .build.standing import blocks_of, held_by, made_for
 from .changes import generation
-from .memory import Status, Step, counters, forget, memory_of, status
+from .memory import Status, counters, forget, memory_of, status
 from .names import RefractiveGlassError, own
 from .progress import tell
 from .rays import true
@@ -43,6 +43,7 @@ from .read.glasses import (
 from .read.modifier_inputs import write_input
 from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
+from .steps import Do, Step, at_once
 from .vertices import displaced
 
 __all__ = [
@@ -380,9 +381,12 @@ def finished(steps: Generator[Step, None, Status]) -> Status:
 
 
 def updating(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, do: Do = at_once
 ) -> Generator[Step, None, Status]:
-    """:func:`update` in steps: each may be the last, what stands is then what it was."""
+    """:func:`update` in steps: each may be the last, what stands is then what it was.
+
+    ``do`` does the long work. A step comes again while that goes on.
+    """
     memory = memory_of(scene)
     if not scene.refractive_glass.enabled or is_held(scene):
         return memory.status
@@ -402,7 +406,7 @@ def updating(
     still = None if is_render else (generation(scene), view.stamp(), _settings_stamp(scene))
     if still is not None and memory.still == still:
         return memory.status
-    found = yield from displaced.updating(scene, depsgraph, view)
+    found = yield from displaced.updating(scene, depsgraph, view, do)
     memory.still = still
     return found
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import bpy
 from bpy.app.translations import pgettext_rpt as _rpt
 
-from ..scene.memory import Step
 from ..scene.names import NODE_GROUPS, RefractiveGlassError
+from ..scene.steps import Step
 from . import staying
 from .everyday_assets import writing
 from .stepwise import Steps, Stepwise

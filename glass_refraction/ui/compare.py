@@ -11,8 +11,8 @@ from pathlib import Path
 import bpy
 from bpy.app.translations import pgettext_rpt as _rpt
 
-from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError, own
+from ..scene.steps import Step
 from . import staying
 from .stepwise import Steps, Stepwise
 

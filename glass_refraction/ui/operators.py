@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import bpy
 import numpy as np
 from bpy.app.translations import pgettext_iface as _iface
@@ -11,7 +13,6 @@ from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ..scene import update as door
 from ..scene.build.materials import glass_material
-from ..scene.memory import Step
 from ..scene.names import MODIFIER, load_group, own
 from ..scene.read.arrays import positions
 from ..scene.read.glasses import LEAST_LENGTH, glass_modifier, put_last
@@ -25,6 +26,7 @@ from ..scene.read.mesh_glasses import (
 from ..scene.read.modifier_inputs import write_input
 from ..scene.read.orientation import orientation_of, turn_all, turn_outwards
 from ..scene.read.profile_curves import form_profile, turned_profile
+from ..scene.steps import Apart, Step
 from . import staying
 from .lines import draw_lines
 from .media import CUSTOM, MEDIUM_ITEMS, choose_ior
@@ -526,7 +528,9 @@ class SCENE_OT_refractive_glass_update(Stepwise, bpy.types.Operator):
     def _steps(self, context: bpy.types.Context) -> Steps:
         yield Step(0.0, "preparing")
         door.prepare(context.scene, context.evaluated_depsgraph_get(), strict=True)
-        return (yield from door.updating(context.scene, context.evaluated_depsgraph_get()))
+        depsgraph = context.evaluated_depsgraph_get()
+        with closing(Apart()) as apart:
+            return (yield from door.updating(context.scene, depsgraph, apart))
 
     def _end(self, found: door.Status) -> set[str]:
         for problem in found.problems:

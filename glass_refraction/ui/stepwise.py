@@ -10,8 +10,8 @@ from contextlib import closing
 import bpy
 from bpy.app.translations import pgettext_rpt as _rpt
 
-from ..scene.memory import Step
 from ..scene.names import RefractiveGlassError
+from ..scene.steps import Step
 from ..viewport.jobs import holds_data
 
 SLICE_SECONDS = 0.05

@@ -187,7 +187,7 @@ def test_attributes_and_normals_survive_refinement():
             edges, triangle_edges = triangles.edges()
             triangles = triangles.split(edges, triangle_edges, np.ones(len(edges), bool))
         made = bpy.data.meshes.new("made")
-        write_mesh(made, arrays, triangles)
+        write_mesh(made, arrays.parted(triangles))
         original = corner_normals(parts[0].mesh)
     assert not made.validate()
     assert len(made.polygons) == 16 * len(arrays.corners)

@@ -234,7 +234,7 @@ def write_refined(copy, source, depsgraph):
         edges, triangle_edges = triangles.edges()
         triangles = triangles.split(edges, triangle_edges, np.ones(len(edges), bool))
         moved = replace(triangles, points=triangles.points + MOVED)
-        write_mesh(copy.data, arrays, moved)
+        write_mesh(copy.data, arrays.parted(moved))
     write_attribute(copy.data, "rg_seen", np.ones(len(moved.points)), "FLOAT")
 
 

@@ -11,16 +11,17 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 import bpy
 
 from .. import update as door
 from ..build.own_scenes import find_own_scenes
-from ..memory import Step
 from ..names import RefractiveGlassError
 from ..read.viewpoint import render_size, shutter_times
+from ..steps import Apart, Step
 from .files import (
     Contents,
     GeometryWriter,
@@ -42,8 +43,8 @@ from .playback import (
     used_layers,
 )
 
-RENDER_SECONDS = 1.0
-"""A render solves for so long before windows are drawn again."""
+RENDER_SECONDS = 0.1
+"""A render writes for so long before windows are drawn again."""
 
 Receiver = Callable[[bpy.types.Depsgraph, Callable], None]
 """Takes an evaluated depsgraph, and a function that evaluates it at another (frame, sub-frame)."""
@@ -227,14 +228,17 @@ class Baking:
         """
         scene, self._reached = self.scene, 0
         layer = next((v for v in scene.view_layers if v.use), scene.view_layers[0])
-        while True:
-            scene.frame_set(self.frame)
-            self._coming = None
-            with _engine():
-                _evaluate(scene, self._solve, layer.name)
-            if self._coming is None:
-                return
-            yield self._step(self._coming.share, self._coming.label)
+        with closing(Apart()) as apart:
+            while True:
+                scene.frame_set(self.frame)
+                self._coming = None
+                with _engine():
+                    _evaluate(scene, partial(self._solve, apart), layer.name)
+                if self._coming is None:
+                    return
+                yield (step := self._step(self._coming.share, self._coming.label))
+                while apart.goes_on():
+                    yield step
 
     def _write(self, problems: list[str]) -> None:
         """Write the frame; ``problems`` were known before."""
@@ -360,17 +364,22 @@ class Baking:
             and old.shading == self.scene.refractive_glass.shading
         )
 
-    def _solve(self, depsgraph: bpy.types.Depsgraph, frame_set: Callable) -> None:
+    def _solve(self, apart: Apart, depsgraph: bpy.types.Depsgraph, frame_set: Callable) -> None:
         """Solve more of the frame, and at its end where its copies are at the moments round it."""
         scene, frame = self.scene, self.frame
         under_way.discard(scene.session_uid)
         try:
             until = time.perf_counter() + RENDER_SECONDS
-            for number, step in enumerate(door.updating(scene, depsgraph)):
-                # Each render comes further than the one before, however long that takes.
-                if number > self._reached and time.perf_counter() > until:
+            number, last = 0, None
+            for step in door.updating(scene, depsgraph, apart):
+                number += step is not last
+                # Each render comes further than the one before, however long that takes; a step
+                # that comes again waits for a thread, which goes on until the next render.
+                is_further = number > self._reached or step is last
+                if is_further and time.perf_counter() > until:
                     self._reached, self._coming = number, step
                     return
+                last = step
             for moment in _moments(scene, frame):
                 # The handler of frame changes hands it on.
                 frame_set(int(moment // 1), moment % 1)

@@ -40,18 +40,16 @@ def images_of(scene: bpy.types.Scene) -> dict[tuple[int, int], bpy.types.Image]:
 
 
 def write_slot(image: bpy.types.Image, weights: np.ndarray | None) -> None:
-    """Write the weights (H, W, 3) of one slot; None: nothing is seen along it."""
+    """Write the weights, pixels (H, W, 4), of one slot; None: nothing is seen along it."""
     if weights is None:
         if tuple(image.size) != (_BLANK, _BLANK) or image.pixels[0] != 0.0:
             _write_plain(image, (0.0, 0.0, 0.0))
         return
-    pixels = np.ones((*weights.shape[:2], 4), np.float32)
-    pixels[..., :3] = weights
-    write_image(image, pixels)
+    write_image(image, weights)
 
 
 def write_rest(images, pane: Pane, rest: np.ndarray | None) -> None:
-    """Write which part of the light (H, W, 3) passes a pane straight through."""
+    """Write which part of the light, pixels (H, W, 4), passes a pane straight through."""
     write_slot(images[pane.number, _REST], rest)
 
 

@@ -119,10 +119,11 @@ def write_polygons(mesh: bpy.types.Mesh, points: np.ndarray, polygons: np.ndarra
     """Fill an empty mesh with points (V, 3) and polygons of equal numbers of corners (F, k)."""
     count, corners = polygons.shape
     mesh.vertices.add(len(points))
-    mesh.vertices.foreach_set("co", np.ascontiguousarray(points, np.float32).ravel())
     mesh.loops.add(count * corners)
-    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(polygons, np.int32).ravel())
     mesh.polygons.add(count)
+    # As attributes: that is a copy, where by the properties Blender sets one element after another.
+    write_attribute(mesh, "position", points, "FLOAT_VECTOR")
+    write_attribute(mesh, ".corner_vert", polygons, "INT", "CORNER")
     mesh.polygons.foreach_set("loop_start", np.arange(0, count * corners, corners, dtype=np.int32))
     mesh.update(calc_edges=True)
 

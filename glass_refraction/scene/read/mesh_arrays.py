@@ -43,6 +43,31 @@ class SourceMesh:
     at_corner: dict[str, tuple[str, np.ndarray]] = field(default_factory=dict)
     of_face: dict[str, tuple[str, np.ndarray]] = field(default_factory=dict)
 
+    def parted(self, parts: Triangles) -> SourceMesh:
+        """Parts of the triangles, with what these carry."""
+        return SourceMesh(
+            parts.points,
+            parts.corners,
+            _unit(_at(self.normals, parts)),
+            {name: (kind, _at(values, parts)) for name, (kind, values) in self.at_corner.items()},
+            {name: (kind, values[parts.origin]) for name, (kind, values) in self.of_face.items()},
+        )
+
+    def repeated(self, number: int) -> SourceMesh:
+        """The same triangles so many times, each time with points of their own."""
+
+        def tiled(values: np.ndarray) -> np.ndarray:
+            return np.tile(values, (number,) + (1,) * (values.ndim - 1))
+
+        starts = len(self.points) * np.arange(number).repeat(len(self.corners))
+        return SourceMesh(
+            tiled(self.points),
+            tiled(self.corners) + starts[:, None],
+            tiled(self.normals),
+            {name: (kind, tiled(values)) for name, (kind, values) in self.at_corner.items()},
+            {name: (kind, tiled(values)) for name, (kind, values) in self.of_face.items()},
+        )
+
 
 def read_triangles(parts: list[Piece]) -> np.ndarray:
     """The triangles (T, 3) of the pieces, by vertices as they are numbered one after another."""
@@ -107,26 +132,23 @@ def _filled(entries: list, counts: list[int]) -> tuple[str, np.ndarray]:
     )
 
 
-def write_mesh(mesh: bpy.types.Mesh, source: SourceMesh, triangles: Triangles) -> None:
-    """Write triangles, with the source's attributes, into the mesh, at their true places.
+def write_mesh(mesh: bpy.types.Mesh, source: SourceMesh) -> None:
+    """Write triangles, with all that they carry, into the mesh, at their true places.
 
     The original normals go into ``rg_normal``.
     """
     mesh.clear_geometry()
-    write_polygons(mesh, triangles.points, triangles.corners)
+    write_polygons(mesh, source.points, source.corners)
     for name, (kind, values) in source.at_corner.items():
-        write_attribute(mesh, name, _at(values, triangles), kind, "CORNER")
+        write_attribute(mesh, name, values, kind, "CORNER")
     for name, (kind, values) in source.of_face.items():
-        write_attribute(mesh, name, values[triangles.origin], kind, "FACE")
-    write_attribute(
-        mesh, "rg_normal", _unit(_at(source.normals, triangles)), "FLOAT_VECTOR", "CORNER"
-    )
+        write_attribute(mesh, name, values, kind, "FACE")
+    write_attribute(mesh, "rg_normal", source.normals, "FLOAT_VECTOR", "CORNER")
 
 
-def _at(values: np.ndarray, triangles: Triangles) -> np.ndarray:
-    """Values (T, 3, k) of source corners, interpolated at the corners of the parts: (L, k)."""
-    mixed = np.einsum("tij,tjk->tik", triangles.weights, values[triangles.origin])
-    return mixed.reshape(-1, values.shape[2])
+def _at(values: np.ndarray, parts: Triangles) -> np.ndarray:
+    """Values (T, 3, k) of source corners, interpolated at the corners of the parts."""
+    return parts.weights @ values[parts.origin]
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

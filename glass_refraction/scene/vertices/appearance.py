@@ -15,7 +15,7 @@ from ... import optics
 from ..progress import check
 from ..read.arrays import affine
 from ..read.glasses import Glass
-from ..read.mesh_arrays import SourceMesh, read_source_mesh, read_triangles
+from ..read.mesh_arrays import read_triangles
 from ..read.sources import Piece, Snapshot
 from ..read.viewpoint import Viewpoint
 from .tessellation import (
@@ -76,47 +76,38 @@ class Solver:
         return Images(position, found.valid, found.stretch)
 
 
+@dataclass(frozen=True, eq=False)
 class Source:
-    """A source opened for reading; what of it is asked for is read once.
+    """A source as it was read.
 
-    Lives inside the ``with`` block of :func:`sources.pieces`.
+    Attributes
+    ----------
+    corners : (T, 3) the triangles' vertices.
+    carried : Geometry Nodes can take the source's mesh; else the carrier must hold it.
+    extra : coordinates of the true place, name -> (N, 3), that materials need.
+    normals : what the mesh's normals differ by: CORNER, POINT or FACE.
     """
 
-    def __init__(self, parts: list[Piece], carried: bool, extra: dict[str, np.ndarray]) -> None:
-        """
-        Parameters
-        ----------
-        carried : Geometry Nodes can take the source's mesh; else the carrier must hold it.
-        extra : coordinates of the true place, name -> (N, 3), that materials need.
-        """
-        self.parts, self.carried, self.extra = parts, carried, extra
-        self.snapshot = Snapshot.of(parts)
-        self._mesh: SourceMesh | None = None
+    snapshot: Snapshot
+    corners: np.ndarray
+    carried: bool
+    extra: dict[str, np.ndarray]
+    normals: str
 
-    def __len__(self) -> int:
-        return len(self.snapshot)
+    @classmethod
+    def of(cls, parts: list[Piece], snapshot: Snapshot, carried: bool, extra: dict) -> Source:
+        """The source whose pieces these are, and of which the snapshot was taken."""
+        domains = {part.mesh.normals_domain for part in parts}
+        normals = domains.pop() if len(domains) == 1 else "CORNER"
+        return cls(snapshot, read_triangles(parts), carried, extra, normals)
 
-    def unchanged(self, before: Source) -> bool:
+    def is_as(self, snapshot: Snapshot, extra: dict[str, np.ndarray]) -> bool:
         """Whether all that images and carriers depend on is as it was."""
         return (
-            self.snapshot.same(before.snapshot)
-            and self.extra.keys() == before.extra.keys()
-            and all(np.array_equal(self.extra[name], before.extra[name]) for name in self.extra)
+            snapshot.same(self.snapshot)
+            and extra.keys() == self.extra.keys()
+            and all(np.array_equal(extra[name], self.extra[name]) for name in extra)
         )
-
-    def mesh(self) -> SourceMesh:
-        """The source's triangles with all that their corners and faces carry."""
-        if self._mesh is None:
-            self._mesh = read_source_mesh(self.parts, self.extra)
-        return self._mesh
-
-    def corners(self) -> np.ndarray:
-        """The triangles' vertices (T, 3)."""
-        return read_triangles(self.parts)
-
-    def close(self) -> None:
-        """Let go of what lives only inside the ``with`` block."""
-        self.parts, self._mesh = [], None
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +167,7 @@ class Search:
         before : what was found before; only saves sorting the same edges again.
         start : what was found of the same moment in light of another colour; saves steps.
         """
-        points, corners = source.snapshot.world(), source.corners()
+        points, corners = source.snapshot.world(), source.corners
         triangles = Triangles.whole(points, corners)
         if before is not None and np.array_equal(corners, before.triangles.corners):
             triangles = before.triangles.moved(points)
@@ -250,15 +241,15 @@ class Search:
         return found, near
 
 
-def moment_of(solver: Solver, source: Source, shape: Appearance) -> np.ndarray | None:
+def moment_of(solver: Solver, now: Snapshot, shape: Appearance) -> np.ndarray | None:
     """Where the vertices of ``shape`` are at another moment: (B, N, 3), slot for slot.
 
     For motion blur: the triangles stay. None where that cannot be: nothing is drawn, or the
     source has other vertices now.
     """
-    if shape.images is None or shape.topology != source.snapshot.topology:
+    if shape.images is None or shape.topology != now.topology:
         return None
-    points = source.snapshot.world()
+    points = now.world()
     if shape.refined:
         points = shape.triangles.followed(points, shape.of_source).points
     found = solver(points, shape.found)

@@ -13,7 +13,7 @@ from ..read.modifier_inputs import write_input
 from ..read.sources import Piece
 from ..read.viewpoint import Viewpoint
 from .appearance import Appearance, Source
-from .tessellation import Images, Triangles, view_pixels
+from .tessellation import Images, view_pixels
 
 MAX_REACH_PX = 8.0
 """How far a face may reach beyond its vertices that have an image."""
@@ -25,12 +25,14 @@ def write_copy(
     shape: Appearance,
     view: Viewpoint,
     *,
+    mesh: SourceMesh | None = None,
     before: Appearance | None = None,
 ) -> None:
     """Write where a source appears into the copy's carrier mesh.
 
     Parameters
     ----------
+    mesh : the source's parts, where the appearance is refined.
     before : what the carrier holds of the same source.
     """
     if shape.images is None:
@@ -43,7 +45,7 @@ def write_copy(
     write_input(copy.modifiers[0], "Whole", bool(seen.min() == 1.0))
     write_input(copy.modifiers[0], "Normals", _kept_normals(source, shape))
     if shape.refined:
-        _write_repeated(copy, source.mesh(), shape.triangles, len(slots))
+        write_mesh(copy.data, mesh.repeated(len(slots)))
         _write_carrier(copy.data, where, seen, keep_mesh=True)
         return
     _write_carrier(copy.data, where, seen)
@@ -58,10 +60,7 @@ def empty_copy(copy: bpy.types.Object) -> None:
 
 def _kept_normals(source: Source, shape: Appearance) -> int:
     """Which normals the copy keeps, as its node group counts them."""
-    if shape.refined:
-        return _NORMALS["CORNER"]
-    domains = {part.mesh.normals_domain for part in source.parts}
-    return _NORMALS[domains.pop() if len(domains) == 1 else "CORNER"]
+    return _NORMALS["CORNER" if shape.refined else source.normals]
 
 
 _NORMALS = {"CORNER": 1, "POINT": 2, "FACE": 3}
@@ -77,8 +76,7 @@ def write_moment(copy: bpy.types.Object, shape: Appearance, position: np.ndarray
 
 def write_true_mesh(obj: bpy.types.Object, parts: list[Piece]) -> None:
     """Write the pieces, where they are, into the object's own mesh (for sources not carried)."""
-    source = read_source_mesh(parts)
-    write_mesh(obj.data, source, Triangles.whole(source.points, source.corners))
+    write_mesh(obj.data, read_source_mesh(parts))
     obj.data.update_tag()
 
 
@@ -110,18 +108,6 @@ def seen_vertices(shape: Appearance, slot: int, view: Viewpoint) -> np.ndarray:
         far = (away > MAX_REACH_PX) & ~valid[part]
         seen[part[far]] = -1e3
     return seen
-
-
-def _write_repeated(copy, source: SourceMesh, triangles: Triangles, number: int) -> None:
-    """Write the refined mesh, once an image slot, into the carrier."""
-    count = len(triangles.points)
-    repeated = Triangles(
-        np.tile(triangles.points, (number, 1)),
-        np.concatenate([triangles.corners + k * count for k in range(number)]),
-        np.tile(triangles.origin, number),
-        np.tile(triangles.weights, (number, 1, 1)),
-    )
-    write_mesh(copy.data, source, repeated)
 
 
 def _write_carrier(mesh, where, seen, *, keep_mesh: bool = False) -> None:

@@ -10,8 +10,9 @@ frame-change handler of a render.
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Hashable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import bpy
 import numpy as np
@@ -35,7 +36,7 @@ from ..build.layers import (
 )
 from ..build.own_scenes import remove_own_scenes, source_of
 from ..build.texture_coordinates import coordinates, dress, dressed_coordinates, remove_unused
-from ..memory import Status, Step, counters, forget, memory_of
+from ..memory import Status, counters, forget, memory_of
 from ..names import RefractiveGlassError
 from ..plan import GlassPlan, Pane, Plan
 from ..read.glasses import (
@@ -46,6 +47,7 @@ from ..read.glasses import (
     may_disperse,
     read_glass,
 )
+from ..read.mesh_arrays import read_source_mesh
 from ..read.modifier_inputs import read_input
 from ..read.sources import (
     Snapshot,
@@ -58,6 +60,7 @@ from ..read.sources import (
 from ..read.viewpoint import Viewpoint
 from ..read.visibility import rendered_layer
 from ..read.world import BLACK, film_exposure, uniform_radiance
+from ..steps import Do, Step, Work, wait_for
 from .appearance import Appearance, Search, Solver, Source
 from .copies import empty_copy, write_copy, write_true_mesh
 from .hull import faces_eye, first_face
@@ -175,11 +178,12 @@ def _dress_copies(layers: Layers, view_layer: bpy.types.ViewLayer, depsgraph) ->
 
 
 def updating(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, view: Viewpoint, do: Do
 ) -> Generator[Step, None, Status]:
     """Solve what changed and write it into what :func:`prepare` made.
 
-    In steps, one a copy: each may be the last, what stands is then what it was.
+    In steps, one a copy: each may be the last, what stands is then what it was. ``do`` does what
+    takes long and touches nothing of Blender's; a step comes again while that goes on.
     """
     layers, memory = find_layers(scene), memory_of(scene)
     if layers is None or memory.plan is None:
@@ -190,7 +194,7 @@ def updating(
     if blurred and memory.centre not in (None, frame_time(scene)):
         keep_moment(scene, memory, layers, view, depsgraph)
         return memory.status
-    frame = _Frame(scene, depsgraph, view, layers, memory)
+    frame = _Frame(scene, depsgraph, view, layers, memory, do)
     yield from frame.updating()
     if is_render:
         frame.write_layers()
@@ -219,15 +223,24 @@ def updating(
 class _Frame:
     """One moment of a scene, to be written into its copies, images and outlines."""
 
-    def __init__(self, scene, depsgraph, view: Viewpoint, layers: Layers, memory) -> None:
+    def __init__(self, scene, depsgraph, view: Viewpoint, layers: Layers, memory, do: Do) -> None:
         self.scene, self.depsgraph, self.view = scene, depsgraph, view
-        self.layers, self.memory = layers, memory
+        self.layers, self.memory, self._do = layers, memory, do
         self.problems: list[str] = []
         self._images = images_of(scene)
         self._copies = layers.copies()
         self._objects = {obj.session_uid: obj for obj in scene.objects}
         self._rects: list[tuple[int, int, int, int]] = []
         self._done = 0
+        self._coming = Step(0.0, "light paths")
+
+    def apart(self, subject: Hashable, what: str, work: Work) -> Generator[Step, None, object]:
+        """Do work that takes long; yields the step that is at hand again while it goes on."""
+        going = self._do(subject, what, work)
+        while not going.done():
+            wait_for(going)
+            yield self._coming
+        return going.result()
 
     def updating(self) -> Iterator[Step]:
         """Bring all up to date; yields before each copy."""
@@ -290,9 +303,9 @@ class _Frame:
         mesh.update()
 
     def _pane(self, planned: GlassPlan, pane: Pane, glass: Glass) -> Iterator[Step]:
-        shown = self._paths(planned, pane, glass)
+        shown = yield from self._paths(planned, pane, glass)
         self.memory.shown[pane.number] = (glass, shown)
-        regions = self._regions(pane, glass, shown)
+        regions = yield from self._regions(pane, glass, shown)
         self._rects.append(regions.rect)
         total, shown_now = max(1, len(self._copies)), set()
         for slot, path in shown.items():
@@ -302,17 +315,19 @@ class _Frame:
                 if copy is None or not self._is_seen(uid):
                     continue
                 source = source_of(copy)
-                yield Step(self._done / total, f"{source.name} along {path}")
+                self._coming = Step(self._done / total, f"{source.name} along {path}")
+                yield self._coming
                 self._done += 1
-                task.update(copy, source)
+                yield from task.updating(copy, source)
                 shown_now.add((pane.number, slot, uid))
-        for slot in set(range(pane.slots)) - shown.keys():
-            write_slot(self._images[pane.number, slot], None)
+        self._blank_slots(pane, set(range(pane.slots)) - shown.keys())
         self._empty_others(pane, shown_now)
 
-    def _paths(self, planned: GlassPlan, pane: Pane, glass: Glass) -> dict[int, optics.LightPath]:
+    def _paths(
+        self, planned: GlassPlan, pane: Pane, glass: Glass
+    ) -> Generator[Step, None, dict[int, optics.LightPath]]:
         """Slot -> the path that is shown in it."""
-        paths = kept_paths(self.scene, glass, self.view)
+        paths = yield from kept_paths(self.scene, glass, self.view, self.apart)
         if len(paths) > pane.whole_slots:
             self.problems.append(
                 f'Glass "{planned.name}": {len(paths) - pane.whole_slots} of {len(paths)} light '
@@ -320,7 +335,7 @@ class _Frame:
             )
         shown = dict(enumerate(paths[: pane.whole_slots]))
         if pane.open_slots and self._held(planned, glass):
-            begins = open_paths(self.scene, glass, self.view)
+            begins = yield from open_paths(self.scene, glass, self.view, self.apart)
             shown |= dict(enumerate(begins, pane.whole_slots))
         return shown
 
@@ -342,9 +357,13 @@ class _Frame:
         self.memory.shown[pane.number] = (None, {})
         self.memory.regions.pop(pane.number, None)
         write_rest(self._images, pane, None)
-        for slot in range(pane.slots):
-            write_slot(self._images[pane.number, slot], None)
+        self._blank_slots(pane, range(pane.slots))
         self._empty_others(pane, set())
+
+    def _blank_slots(self, pane: Pane, slots: Iterable[int]) -> None:
+        for slot in slots:
+            write_slot(self._images[pane.number, slot], None)
+            self.memory.weights.pop((pane.number, slot), None)
 
     def _empty_others(self, pane: Pane, shown: set) -> None:
         """Empty the copies of a pane but for those that are shown."""
@@ -355,40 +374,54 @@ class _Frame:
         if self.memory.copies.pop(key, None) is not None and key in self._copies:
             empty_copy(self._copies[key])
 
-    def _regions(self, pane: Pane, glass: Glass, shown) -> Regions:
+    def _regions(self, pane: Pane, glass: Glass, shown) -> Generator[Step, None, Regions]:
         paths = tuple(shown.values())
         fresnel = self.scene.refractive_glass.surface == "GLASS"
         stamp = (glass.stamp(), self.view.stamp(), paths, fresnel)
         known = self.memory.regions.get(pane.number)
-        if known is not None and known[0] == stamp:
-            return known[1]
-        regions = path_regions(glass, self.view, paths, fresnel=fresnel)
-        counters["masks"] += 1
-        counters["mask_pixels"] += regions.hit.size
-        self._write_weights(pane, glass, regions, fresnel, tuple(shown))
-        self.memory.regions[pane.number] = (stamp, regions)
-        return regions
+        if known is None or known[0] != stamp:
+            find = partial(path_regions, glass, self.view, paths, fresnel=fresnel)
+            regions = yield from self.apart(pane.number, "regions", find)
+            counters["masks"] += 1
+            counters["mask_pixels"] += regions.hit.size
+            known = self.memory.regions[pane.number] = (stamp, regions)
+            rest = regions.left_out()
+            # Where surfaces only refract, what is reflected there is lost.
+            passes = fresnel and bool(rest.any())
+            rest = self._window(regions, rest[..., None]) if passes else None
+            write_rest(self._images, pane, rest)
+        yield from self._write_weights(pane, glass, *known, tuple(shown))
+        return known[1]
 
-    def _write_weights(self, pane: Pane, glass: Glass, regions: Regions, fresnel, slots) -> None:
-        rest = regions.left_out()
-        # Where surfaces only refract, what is reflected there is lost.
-        passes = fresnel and bool(rest.any())
-        write_rest(self._images, pane, self._window(regions, rest[..., None]) if passes else None)
-        for slot, path, shares in zip(slots, regions.paths, regions.shares, strict=True):
-            weights = shares[..., None]
-            if path.open:
-                # The paths that carry the light on show what is held too.
-                on = [path.begins(other) and not other.open for other in regions.paths]
-                weights = np.maximum(weights - regions.shares[on].sum(axis=0)[..., None], 0.0)
-            if glass.is_tinted:
-                weights = weights * tints(glass, self.view, path)
-            write_slot(self._images[pane.number, slot], self._window(regions, weights))
+    def _write_weights(
+        self, pane: Pane, glass: Glass, stamp, regions: Regions, slots
+    ) -> Iterator[Step]:
+        for number, slot in enumerate(slots):
+            key = (pane.number, slot)
+            if self.memory.weights.get(key) != stamp:
+                find = partial(self._weights, glass, regions, number)
+                weights = yield from self.apart(key, "weights", find)
+                write_slot(self._images[key], weights)
+                self.memory.weights[key] = stamp
+
+    def _weights(self, glass: Glass, regions: Regions, number: int) -> np.ndarray:
+        """(H, W, 4) what the light of one of the regions' paths is weighed by."""
+        path, weights = regions.paths[number], regions.shares[number, ..., None]
+        if path.open:
+            # The paths that carry the light on show what is held too.
+            on = [path.begins(other) and not other.open for other in regions.paths]
+            weights = np.maximum(weights - regions.shares[on].sum(axis=0)[..., None], 0.0)
+        if glass.is_tinted:
+            weights = weights * tints(glass, self.view, path)
+        return self._window(regions, weights)
 
     def _window(self, regions: Regions, values: np.ndarray) -> np.ndarray:
-        """Values (h, w, 1 or 3) of the regions' rectangle, placed in the rendered picture."""
+        """Values (h, w, 1 or 3) of the regions' rectangle, as pixels of the rendered picture."""
         x0, y0, x1, y1 = self.view.window
         placed = in_picture(np.moveaxis(values, 2, 0), regions.rect, self.view.size)
-        return np.moveaxis(placed, 0, 2)[y0:y1, x0:x1]
+        pixels = np.ones((y1 - y0, x1 - x0, 4), np.float32)
+        pixels[..., :3] = np.moveaxis(placed, 0, 2)[y0:y1, x0:x1]
+        return pixels
 
     def _occluders(self) -> None:
         """Objects that stand before glasses: hidden ones do not, and some need meshes."""
@@ -432,21 +465,34 @@ class _Task:
         )
         self._search: Search | None = None
 
-    def update(self, copy: bpy.types.Object, original: bpy.types.Object) -> None:
+    def updating(self, copy: bpy.types.Object, original: bpy.types.Object) -> Iterator[Step]:
         """Find where an object appears, unless nothing changed, and write it into its copy."""
-        memory = self.frame.memory
+        memory, depsgraph = self.frame.memory, self.frame.depsgraph
         key = (self.pane.number, self.slot, original.session_uid)
-        with pieces(original, self.frame.depsgraph) as parts:
+        stamp, known, before = memory.copies.get(key, (None, None, None))
+        with pieces(original, depsgraph) as parts:
+            snapshot = Snapshot.of(parts)
             extra = coordinates(parts, dressed_coordinates(copy))
-            source = Source(parts, is_carried(original), extra)
-            stamp, known, before = memory.copies.get(key, (None, None, None))
-            if stamp != self.stamp or not source.unchanged(known):
-                shape = self.search.find(source, before, self._of_last_band(key))
-                write_copy(copy, source, shape, self.frame.view, before=before)
-                counters["solves"] += 1
-                counters["copies"] += 1
-                memory.copies[key] = (self.stamp, source, shape)
-            source.close()
+            if stamp == self.stamp and known.is_as(snapshot, extra):
+                return
+            source = Source.of(parts, snapshot, is_carried(original), extra)
+        find = partial(self._find, source, before, self._of_last_band(key))
+        shape = yield from self.frame.apart(key, "images", find)
+        mesh = None
+        if shape.refined and shape.images is not None:
+            # Read only now: few are, and Blender's own mesh may be another one while windows go on.
+            with pieces(original, depsgraph) as parts:
+                if Snapshot.of(parts).topology != snapshot.topology:
+                    raise RefractiveGlassError(f'"{original.name}" has changed: update again')
+                whole = read_source_mesh(parts, extra)
+            mesh = yield from self.frame.apart(key, "parts", partial(whole.parted, shape.triangles))
+        write_copy(copy, source, shape, self.frame.view, mesh=mesh, before=before)
+        counters["solves"] += 1
+        counters["copies"] += 1
+        memory.copies[key] = (self.stamp, source, shape)
+
+    def _find(self, source: Source, before, start) -> Appearance:
+        return self.search.find(source, before, start)
 
     @property
     def search(self) -> Search:

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Generator, Hashable
+from functools import partial
 
 import bpy
 
@@ -13,6 +15,7 @@ from ...optics.tumbler import GLASS
 from ..memory import counters, memory_of
 from ..read.glasses import Glass
 from ..read.viewpoint import Viewpoint
+from ..steps import Step, Work
 from .hull import first_face
 from .regions import mean_weights
 
@@ -53,30 +56,37 @@ def slot_count(scene: bpy.types.Scene, *, named: bool) -> int:
     return min(count, MOST_SLOTS)
 
 
+Paths = tuple[optics.LightPath, ...]
+Apart = Callable[[Hashable, str, Work], Generator[Step, None, Paths]]
+"""Does long work, and steps while it goes on."""
+
+
 def kept_paths(
-    scene: bpy.types.Scene, glass: Glass, view: Viewpoint
-) -> tuple[optics.LightPath, ...]:
+    scene: bpy.types.Scene, glass: Glass, view: Viewpoint, apart: Apart
+) -> Generator[Step, None, Paths]:
     """The paths with a mean weight of ``min_weight`` or more, the brightest first.
 
     ``optics.light_paths`` lists what carries that much for *some* ray; close to the verge light
     runs round in the wall along a dozen paths, each too thin to be seen. Raises
     RefractiveGlassError where the eye is inside the wall.
     """
-    settings = scene.refractive_glass
-    fresnel = settings.surface == "GLASS"
-    stamp = (glass.stamp(), view.stamp(), settings.min_weight, fresnel)
-    known = memory_of(scene).paths.get(glass.key)
-    if known is not None and known[0] == stamp:
-        return known[1]
-    counters["listed"] += 1
-    kept = bright_paths(glass, view, settings.min_weight, fresnel)
-    memory_of(scene).paths[glass.key] = (stamp, kept)
-    return kept
+    return _remembered(scene, glass, view, bright_paths, apart)
 
 
-def bright_paths(
-    glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool
-) -> tuple[optics.LightPath, ...]:
+def _remembered(scene, glass: Glass, view: Viewpoint, find, apart: Apart):
+    """What the scene's memory holds of a kind of paths; found first where it holds none."""
+    settings, paths = scene.refractive_glass, memory_of(scene).paths
+    asked = (settings.min_weight, settings.surface == "GLASS")
+    key, stamp = (glass.key, find), (glass.stamp(), view.stamp(), *asked)
+    known = paths.get(key)
+    if known is None or known[0] != stamp:
+        counters["listed"] += 1
+        found = yield from apart(key, "paths", partial(find, glass, view, *asked))
+        known = paths[key] = (stamp, found)
+    return known[1]
+
+
+def bright_paths(glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool) -> Paths:
     """What :func:`kept_paths` remembers, of no data of Blender's."""
     eye = view.eye_for(glass)
     first_face(glass, eye)
@@ -86,7 +96,7 @@ def bright_paths(
     return _brightest(glass, view, paths, min_weight, fresnel)
 
 
-def _brightest(glass, view, paths, min_weight, fresnel, most=None) -> tuple[optics.LightPath, ...]:
+def _brightest(glass, view, paths, min_weight, fresnel, most=None) -> Paths:
     """Those of a mean weight of at least so much, the brightest first."""
     mean = mean_weights(glass, view, paths, fresnel=fresnel)
     order = sorted(range(len(paths)), key=lambda number: -mean[number])[:most]
@@ -94,21 +104,19 @@ def _brightest(glass, view, paths, min_weight, fresnel, most=None) -> tuple[opti
 
 
 def open_paths(
-    scene: bpy.types.Scene, glass: Glass, view: Viewpoint
-) -> tuple[optics.LightPath, ...]:
+    scene: bpy.types.Scene, glass: Glass, view: Viewpoint, apart: Apart
+) -> Generator[Step, None, Paths]:
     """The beginnings of paths on whose last stretch a cup's contents are seen, the brightest first.
 
     They show contents to the light that no kept path carries on: it is lost in the wall or the
     base, or runs along paths that are too thin each to be kept.
     """
-    settings = scene.refractive_glass
+    return _remembered(scene, glass, view, _bright_begins, apart)
+
+
+def _bright_begins(glass: Glass, view: Viewpoint, min_weight: float, fresnel: bool) -> Paths:
     eye = view.eye_for(glass)
-    stamp = (glass.stamp(), view.stamp(), settings.min_weight, settings.surface)
-    key = f"{glass.key} open"
-    known = memory_of(scene).paths.get(key)
-    if known is not None and known[0] == stamp:
-        return known[1]
-    paths = optics.light_paths(glass.description, eye, min_weight=settings.min_weight)
+    paths = optics.light_paths(glass.description, eye, min_weight=min_weight)
     begins = dict.fromkeys(
         optics.LightPath(path.events[:count], path.interfaces[:count], open=True)
         for path in paths
@@ -116,12 +124,9 @@ def open_paths(
     )
     medium = 0 if view.is_parallel else int(glass.description.medium_at(eye))
     begins = tuple(b for b in begins if _shows_contents(glass.description, medium, b))
-    fresnel = settings.surface == "GLASS"
     if not fresnel:
         begins = tuple(begin for begin in begins if "R" not in begin.events)
-    kept = _brightest(glass, view, begins, settings.min_weight, fresnel, OPEN_SLOTS)
-    memory_of(scene).paths[key] = (stamp, kept)
-    return kept
+    return _brightest(glass, view, begins, min_weight, fresnel, OPEN_SLOTS)
 
 
 def _shows_contents(description: AxialGlass, medium: int, begin: optics.LightPath) -> bool:

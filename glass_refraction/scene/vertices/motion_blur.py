@@ -15,9 +15,9 @@ from ..build.own_scenes import source_of
 from ..memory import Memory, counters, memory_of
 from ..names import RefractiveGlassError
 from ..read.glasses import read_glass
-from ..read.sources import is_carried, pieces
+from ..read.sources import Snapshot, pieces
 from ..read.viewpoint import Viewpoint
-from .appearance import Solver, Source, moment_of
+from .appearance import Solver, moment_of
 from .copies import write_moment
 
 SOLVED = 0.1
@@ -71,9 +71,7 @@ def keep_moment(scene, memory: Memory, layers: Layers, view: Viewpoint, depsgrap
         solver = Solver(now, paths[slot], view, tolerance)
         original = source_of(copies[key])
         with pieces(original, depsgraph) as parts:
-            source = Source(parts, is_carried(original), {})
-            position = moment_of(solver, source, shape)
-            source.close()
+            position = moment_of(solver, Snapshot.of(parts), shape)
         if position is not None:
             moment[key] = position
             counters["solves"] += 1

@@ -859,7 +859,7 @@ class Stand:
         self.path = module("optics").LightPath
         self.stand_ins = {
             (displaced, "kept_paths"): self._paths,
-            (displaced, "open_paths"): lambda *_: (),
+            (displaced, "open_paths"): self._no_paths,
         }
         if not at_work:
             for name in ("prepare", "update", "remove", "withdraw"):
@@ -874,10 +874,14 @@ class Stand:
         for place, function in self.kept.items():
             setattr(*place, function)
 
-    def _paths(self, scene, glass, view):
+    def _no_paths(self, *_):
+        yield from ()
+        return ()
+
+    def _paths(self, _scene, glass, *_):
         """Two paths of the shape; of one that names its interfaces none, for these are slow."""
         if glass.description.names_interfaces:
-            return ()
+            return (yield from self._no_paths())
         layers = len(getattr(glass.description, "radius", (0.0,)))
         return tuple(map(self.path, ("TT" if layers == 1 else "TTTT", "R")))
 
