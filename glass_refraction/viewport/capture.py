@@ -26,7 +26,7 @@ from ..scene.changes import put_back
 from .description import Frame, Posed
 from .eye import CAPTURES, WORLD
 from .jobs import amends_depths, draws_off_screen, is_compiling
-from .paint import _shader, filling
+from .paint import _shader, filling, odd_size
 from .wires import Wires
 
 FACES = 6
@@ -228,7 +228,8 @@ class Captures:
             self.centres = [glass.middle() for glass in [*glasses, *glasses][:CAPTURES]]
             self._seconds.clear()
             self._has_world = shading[0] != "SOLID" and bool(glasses)
-            self._make_atlas((FACES + 1) * side, max(1, len(self.centres) + self._has_world) * side)
+            rows = max(1, len(self.centres) + self._has_world)
+            self._make_atlas((FACES + 1) * side, odd_size(rows * side))
             self._world_key = ()
         self._boxes = boxes
         world_key = (shading, everything)

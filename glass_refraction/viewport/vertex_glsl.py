@@ -65,13 +65,11 @@ PICTURE = (
     + glsl.SMOOTH
     + glsl.FOLLOW
     + """
-#define leave leave_by_ray
-#define stopped stopped_by_ray
+#define ends ends_by_ray
 """
     + glsl.LOOKUP
     + f"""
-#undef leave
-#undef stopped
+#undef ends
 #define EXIT {EXIT}
 #define HELD {HELD}
 #define MOST_DRAWN {MOST_DRAWN}

@@ -20,38 +20,37 @@ bool covered(vec3 p)
   return depth_between(pixel_at(view.to_clip * place)) < dot(view.depth_row, place) + LAID_ON;
 }
 
-void leave(vec3 p, vec3 d, vec4 light, int g, int number)
-{
-  vec4 colour;
-  float way = NOWHERE;
-  int slot = capture_of(g);
-  last_shown = vec4(-1.0);
-  unseen_ways = vec2(0.0, NOWHERE);
-  if (!may_meet_any(p, d, NOWHERE) || !seen(p, d, NOWHERE, slot, -1, colour, way)) {
-    colour = beyond(p, d, slot);
-  }
-  colour.rgb += lamps(p, d, way, light.rgb);
-  add(colour, light);
-}
+void darken(vec3 p, vec3 d, float part, int number) { add(vec4(0.0), vec4(vec3(0.0), part)); }
 
 bool is_lost = false;
 
 void lose(vec4 light) { is_lost = true; }
 
-bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
+bool ends(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {
+  bool leaves = way >= NOWHERE;
+  boxed = boxed && !leaves;
+  int slot = capture_of(g);
+  last_shown = vec4(-1.0);
+  unseen_ways = vec2(0.0, NOWHERE);
   /* From one glass to another anything may stand; within one what reaches into its box. */
-  vec2 things = vec2(row(9 + GLASS_ROWS * g).w, row(1 + GLASS_ROWS * g).w);
-  vec4 colour;
+  vec2 things = leaves ? row(0).zw : vec2(row(9 + GLASS_ROWS * g).w, row(1 + GLASS_ROWS * g).w);
+  bool is_any = leaves ? things.y < 0.0 : !boxed;
+  vec4 colour = vec4(0.0);
   float reached = way;
-  bool ends = (!boxed || meets_boxes(int(things.x), int(things.y), p, d, way)) &&
-              seen(p, d, way, capture_of(g), boxed ? g : -1, colour, reached);
+  bool met = (is_any || meets_boxes(int(things.x), int(things.y), p, d, way)) &&
+             seen(p, d, way, slot, boxed ? g : -1, colour, reached);
   vec3 shine = lamps(p, d, reached, light.rgb);
-  if (!ends) {
+  if (leaves) {
+    colour = met ? colour : beyond(p, d, slot);
+  }
+  else if (met) {
+    light.rgb *= exp(-taken * reached);
+  }
+  else {
     sum.rgb += light.w * light.rgb * shine;
     return false;
   }
-  light.rgb *= exp(-taken * reached);
   colour.rgb += shine;
   add(colour, light);
   return true;

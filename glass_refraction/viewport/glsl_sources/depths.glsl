@@ -31,29 +31,22 @@ ivec2 pixel_for(vec2 at)
 {
   ivec2 last = ivec2(view.size.xy) - 1;
   ivec2 middle = clamp(ivec2(at), ivec2(0), last);
-  if (texelFetch(depth_tx, middle, 0).g == 0.0) {
+  float near = texelFetch(depth_tx, middle, 0).g;
+  if (near == 0.0) {
     return middle;
   }
   vec2 f = clamp(at - vec2(middle) - 0.5, -0.5, 0.5);
-  /* Shares of a quadratic B-spline: of the pixel before, of this one, of the one after. */
-  vec2 shares[3];
-  shares[0] = 0.5 * (0.5 - f) * (0.5 - f);
-  shares[1] = 0.75 - f * f;
-  shares[2] = 0.5 * (0.5 + f) * (0.5 + f);
-  float near = FAR_OFF, far = -FAR_OFF;
-  for (int k = 0; k < 9; k++) {
-    float depth = depth_at(middle + ivec2(k % 3, k / 3) - 1);
-    near = min(near, depth);
-    far = max(far, depth);
-  }
   float limit = near + edge_at(near);
   float votes = 0.0;
   vec2 most = vec2(-1.0);
   ivec2 nearer = middle, farther = middle;
   for (int k = 0; k < 9; k++) {
-    ivec2 one = ivec2(k % 3, k / 3);
-    ivec2 pixel = clamp(middle + one - 1, ivec2(0), last);
-    float share = shares[one.x].x * shares[one.y].y;
+    ivec2 one = ivec2(k % 3, k / 3) - 1;
+    ivec2 pixel = clamp(middle + one, ivec2(0), last);
+    /* Of a quadratic B-spline. */
+    vec2 off = abs(vec2(one) - f), rest = 1.5 - off;
+    vec2 shares = mix(0.75 - off * off, 0.5 * rest * rest, greaterThan(off, vec2(0.5)));
+    float share = shares.x * shares.y;
     if (depth_at(pixel) < limit) {
       votes += share;
       if (share > most.x) {

@@ -125,22 +125,17 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       taken = row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * (holder & 15) + 1).xyz /
               row(9 + GLASS_ROWS * g).x;
     }
-    if (met < 0) {
+    if (met < 0 && home >= 0 && int(row(int(row(1 + GLASS_ROWS * home).x)).x) != MESH) {
       /* A closed form has a face wherever a ray in it goes. */
-      if (home < 0 || int(row(int(row(1 + GLASS_ROWS * home).x)).x) == MESH) {
-        leave(from, toward, light, last, ways);
-        ways++;
-      }
-      else {
-        lose(light);
-      }
+      lose(light);
       alive = false;
       continue;
     }
-    bool may_stop = events > 0 &&
-                    (home < 0 || (int(medium_row(home, medium_in(held, home)).y) & HOLLOW) != 0);
-    if (may_stop && stopped(from, toward, light, home < 0 ? last : home, taken,
-                            home >= 0 || hit == last, way, ways)) {
+    bool may_end = met < 0 ||
+                   (events > 0 &&
+                    (home < 0 || (int(medium_row(home, medium_in(held, home)).y) & HOLLOW) != 0));
+    if (may_end && ends(from, toward, light, home < 0 ? last : home, taken,
+                        home >= 0 || hit == last, way, ways)) {
       ways++;
       alive = false;
       continue;
@@ -201,7 +196,7 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
 #ifdef MESHES
       if (is_mesh && dot(d, flat_) >= 0.0 && light.w > enough) {
         /* Refracted to before the face: black, as in Cycles. */
-        leave(to_common(hit, p), turn_out(hit, d), vec4(vec3(0.0), light.w), hit, ways);
+        darken(to_common(hit, p), turn_out(hit, d), light.w, ways);
         ways++;
         light.w = 0.0;
       }

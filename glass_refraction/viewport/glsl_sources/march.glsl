@@ -109,26 +109,11 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
       shown_before = UNKNOWN;
       continue;
     }
-    if (shown_before <= UNKNOWN) {
-      shown_before = depth_near(pixel);
-      before = z_before - shown_before;
-      if (!behind && before > SLACK) {
-        /* An edge lies just at the tile's: the ray meets it or passes behind it. */
-        limb = limb_at(pixel, heading);
-        if (z_before < limb) {
-          at = pixel;
-          way = way_at(u, low, high, one, two);
-          return true;
-        }
-        behind = hidden = true;
-      }
-      else if (before <= 0.0) {
-        behind = false;
-      }
-    }
+    /* In a tile that is not passed over the first look is where the ray enters it. */
+    bool enters = shown_before <= UNKNOWN;
     /* What comes just round an edge is narrow. */
     bool has_edge = range.y - range.x > edge_at(range.x);
-    next = min(1.0, u + (has_edge ? 1.0 : STRIDE) * by_pixel);
+    next = enters ? u : min(1.0, u + (has_edge ? 1.0 : STRIDE) * by_pixel);
     t = way_at(next, low, high, one, two);
     z = z0 + t * z1;
     pixel = a + next * span;
@@ -136,33 +121,41 @@ bool march_direct(vec3 o, vec3 d, float reach, int slot, int boxes, out vec2 at,
     float gap = z - shown;
     float jump = shown_before - shown;
     bool met = false;
+    /* Where along the way there is an edge whose depth is to be known. */
+    float edge = UNKNOWN;
     if (gap <= 0.0) {
       behind = false;
+    }
+    else if (enters) {
+      /* An edge lies just at the tile's: the ray meets it or passes behind it. */
+      edge = !behind && gap > SLACK ? u : UNKNOWN;
     }
     else if (!behind) {
       /* One surface goes on from pixel to pixel. Where it ends the ray may pass behind it, or before
        * its edge and so meet it: single looks lie too far within to tell. */
       met = jump < edge_at(shown) + abs(z - z_before);
       if (!met) {
-        float outside = u, edge = next;
+        float outside = u;
+        edge = next;
         for (int n_ = 0; n_ < EDGE_HALVINGS; n_++) {
           float middle = 0.5 * (outside + edge);
           bool is_on = depth_near(a + middle * span) < shown + 0.5 * jump;
           outside = is_on ? outside : middle;
           edge = is_on ? middle : edge;
         }
-        limb = limb_at(a + edge * span, heading);
-        met = z0 + way_at(edge, low, high, one, two) * z1 < limb;
       }
-      behind = !met;
-      over_before = 0.0;
     }
     else if (jump > edge_at(shown)) {
-      limb = limb_at(pixel, heading);
-      over_before = 0.0;
+      edge = next;
     }
     else if (jump < -edge_at(shown)) {
       limb = UNKNOWN;
+    }
+    if (edge > UNKNOWN) {
+      limb = limb_at(a + edge * span, heading);
+      met = !behind && z0 + way_at(edge, low, high, one, two) * z1 < limb;
+      behind = !met;
+      over_before = 0.0;
     }
     /* Round things are as thick behind their edge as before it: the back is the front's mirror
      * image. */

@@ -11,7 +11,6 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
 {
   vec2 pixel;
   bool hidden = true, found = false;
-  int first = slot;
   way = reach;
   colour = vec4(0.0);
   if (has_depth != 0) {
@@ -24,26 +23,22 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
     unseen_ways = vec2(NOWHERE, 0.0);
   }
   if (slot >= 0 && hidden) {
-    vec3 at;
-    float other;
-    float most = min(reach, way);
-    bool met = march_capture(slot, o, d, most, at, other, hidden);
     int second = second_of(slot);
-    if (!met && hidden && second >= 0) {
-      slot = second;
-      met = march_capture(slot, o, d, most, at, other, hidden);
-    }
-    /* What stands before it there those of other glasses may see. */
-    for (int k = 0; k < CAPTURES && !met && hidden && !found; k++) {
-      if (k != first && k != second && capture_at(k).w > 0.5) {
-        slot = k;
-        met = march_capture(slot, o, d, most, at, other, hidden);
+    float most = min(reach, way);
+    /* The glass's own captures first. What stands before it there those of other glasses may see. */
+    for (int k = -2; k < (found ? 0 : CAPTURES) && hidden; k++) {
+      int one = k == -2 ? slot : (k == -1 ? second : k);
+      bool is_own = k < 0;
+      if (one < 0 || (!is_own && (one == slot || one == second || capture_at(one).w < 0.5))) {
+        continue;
       }
-    }
-    if (met) {
-      colour = capture_colour(slot, at);
-      way = other;
-      found = true;
+      vec3 at;
+      float other;
+      if (march_capture(one, o, d, most, at, other, hidden)) {
+        colour = capture_colour(one, at);
+        way = other;
+        return true;
+      }
     }
   }
   return found;
@@ -53,17 +48,6 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
 bool may_meet_any(vec3 p, vec3 d, float reach)
 {
   return row(0).w < 0.0 || meets_boxes(int(row(0).z), int(row(0).w), p, d, reach);
-}
-
-/* The world in a direction in which the view does not show it. Solid shading leaves it to the
- * background. */
-vec4 sky(vec3 d, int slot)
-{
-  if (backdrop.w > 0.5) {
-    return vec4(0.0);
-  }
-  slot = capture_at(WORLD).w > 0.5 ? WORLD : slot;
-  return slot >= 0 ? capture_colour(slot, d) : vec4(0.0);
 }
 
 /* Whether a ray meets, within its reach, a flat thing that is shown beside the edge behind which it
@@ -95,38 +79,43 @@ bool meets_shown(vec3 p, vec3 d, float reach)
 vec4 beyond(vec3 o, vec3 d, int slot)
 {
   float hidden = unseen_ways.y - unseen_ways.x;
-  if (hidden > 0.0 && meets_shown(o + unseen_ways.x * d, d, hidden)) {
-    return capture_colour(int(last_shown.w), last_shown.xyz);
-  }
-  vec4 clip = view.to_clip * vec4(d, 0.0);
-  if (view.eye.w < 0.5) {
-    /* In a parallel view what is far off is seen where the ray leaves the scene. */
-    clip = view.to_clip * vec4(o + view.start.z * d, 1.0);
-  }
-  vec2 pixel = pixel_at(clip);
-  if (is_in_picture(clip, pixel) && depth_near(pixel) >= FAR_OFF) {
-    return thing_at(pixel);
-  }
-  if (hidden <= 0.0 || !may_meet_any(o + unseen_ways.x * d, d, hidden)) {
-    return sky(d, slot);
-  }
-  if (slot >= 0) {
-    /* Where a thing stands before the first capture the second may show more. */
+  vec3 hidden_from = o + unseen_ways.x * d, toward = last_shown.xyz;
+  int shows = int(last_shown.w);
+  if (hidden <= 0.0 || !meets_shown(hidden_from, d, hidden)) {
+    vec4 clip = view.to_clip * vec4(d, 0.0);
+    if (view.eye.w < 0.5) {
+      /* In a parallel view what is far off is seen where the ray leaves the scene. */
+      clip = view.to_clip * vec4(o + view.start.z * d, 1.0);
+    }
+    vec2 pixel = pixel_at(clip);
+    if (is_in_picture(clip, pixel) && depth_near(pixel) >= FAR_OFF) {
+      return thing_at(pixel);
+    }
+    bool is_world = hidden <= 0.0 || !may_meet_any(hidden_from, d, hidden);
+    if (!is_world && slot < 0) {
+      if (clip.w <= 0.0) {
+        pixel = pixel_at(view.to_clip * vec4(o, 1.0));
+      }
+      return direct_at(clamp(pixel, vec2(0.5), view.size.xy - 0.5));
+    }
+    /* Where a thing stands before the first capture the second may show more. Else what lies beside
+     * the edge behind which it went is most like what it ends on. Solid shading has no textures:
+     * there the thing before it is more like its own back. The world is far off, and another in
+     * other directions. */
     int second = second_of(slot);
-    if (second >= 0) {
-      return capture_colour(shows_thing(slot, d) ? second : slot, d);
+    if (!is_world && second < 0 && backdrop.w < 0.5 && shows >= 0) {
+      is_world = !shows_thing(shows, toward);
     }
-    if (backdrop.w < 0.5 && last_shown.w >= 0.0) {
-      /* What lies beside the edge behind which it went is most like what it ends on. Solid shading
-       * has no textures: there the thing before it is more like its own back. The world is far off,
-       * and another in other directions. */
-      int other = int(last_shown.w);
-      return shows_thing(other, last_shown.xyz) ? capture_colour(other, last_shown.xyz) : sky(d, slot);
+    else {
+      shows = second >= 0 && shows_thing(slot, d) ? second : slot;
+      toward = d;
     }
-    return capture_colour(slot, d);
+    if (is_world) {
+      /* Solid shading leaves it to the background. */
+      bool is_known = capture_at(WORLD).w > 0.5;
+      shows = backdrop.w > 0.5 ? -1 : (is_known ? WORLD : slot);
+      toward = d;
+    }
   }
-  if (clip.w <= 0.0) {
-    pixel = pixel_at(view.to_clip * vec4(o, 1.0));
-  }
-  return direct_at(clamp(pixel, vec2(0.5), view.size.xy - 0.5));
+  return shows >= 0 ? capture_colour(shows, toward) : vec4(0.0);
 }

@@ -13,5 +13,5 @@ void main()
     far = max(far, value);
   }
   bool is_step = far - near > EDGE * (width.x + width.y * near);
-  frag = vec4(depth, is_step ? 1.0 : 0.0, 0.0, 0.0);
+  frag = vec4(depth, is_step ? near : 0.0, 0.0, 0.0);
 }

@@ -16,11 +16,11 @@ EXITS = """
 vec4 exit_places[AT_ONCE];
 vec4 exit_alongs[AT_ONCE];
 
-void leave(vec3 p, vec3 d, vec4 light, int g, int number)
+void darken(vec3 p, vec3 d, float part, int number)
 {
   for (int k = 0; k < AT_ONCE; k++) {
     if (number == wanted + k) {
-      exit_places[k] = vec4(p, light.w);
+      exit_places[k] = vec4(p, part);
       exit_alongs[k] = vec4(d, 0.0);
     }
   }
@@ -28,9 +28,12 @@ void leave(vec3 p, vec3 d, vec4 light, int g, int number)
 
 void lose(vec4 light) {}
 bool covered(vec3 p) { return false; }
-bool stopped(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
+bool ends(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {
-  return false;
+  if (way >= NOWHERE) {
+    darken(p, d, light.w, number);
+  }
+  return way >= NOWHERE;
 }
 bool touches(vec3 p, vec3 d, vec4 light, int g, int number) { return false; }
 
