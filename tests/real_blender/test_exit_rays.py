@@ -103,6 +103,12 @@ def test_what_begins_on_a_table_meets_it(found):
     assert found["on"] == 1.0
 
 
+def test_behind_a_post_the_view_itself_shows_what_captures_see_no_nearer(found):
+    """Whichever saw it nearer by rounding was shown, and the two are lit from other sides: walls
+    that a ray met behind a pencil were a comb of hairs."""
+    assert found["post"] == 1.0
+
+
 def test_behind_a_leaf_is_the_world_where_no_box_is(found):
     """What no view shows to its end looked like what is beside the edge that hides it: in leaves
     before an HDRI most of a carafe was table."""

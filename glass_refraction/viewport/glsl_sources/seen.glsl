@@ -24,7 +24,8 @@ bool seen(vec3 o, vec3 d, float reach, int slot, int boxes, out vec4 colour, out
   }
   if (slot >= 0 && hidden) {
     int second = second_of(slot);
-    float most = min(reach, way);
+    /* What they see no nearer than the view does may be the same, and the view tells finer. */
+    float most = found ? max(way - THIN - THICK_PART * way, 0.0) : reach;
     /* The glass's own captures first. What stands before it there those of other glasses may see. */
     for (int k = -2; k < (found ? 0 : CAPTURES) && hidden; k++) {
       int one = k == -2 ? slot : (k == -1 ? second : k);

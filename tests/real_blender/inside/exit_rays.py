@@ -342,6 +342,20 @@ def met_on_a_table(paint):
     return float((found[..., 3] > 0.5).mean())
 
 
+def seen_behind_a_post(paint):
+    """Part of rays that go behind a post and show a wall as the view does, where a capture shows it
+    too, a little nearer.
+    """
+    depths = np.full((96, 96), 60.0)
+    depths[:, 40:48] = 30.0
+    random = np.random.default_rng(4)
+    origins = random.uniform((20.0, 20.0, 40.0), (30.0, 55.0, 50.0), (20, 30, 3))
+    along = random.uniform((52.0, 20.0, 60.0), (58.0, 55.0, 60.0), origins.shape) - origins
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    shown = passes.marched(paint, depths, origins, along, wall=59.9)
+    return float((shown[..., 1] > 0.9).mean())
+
+
 def world_behind_a_leaf(paint):
     """Parts of rays that show the world, of those that go behind a leaf: with a box before it, and
     with one there. And parts that show the wall that is seen beside it, which stands there.
@@ -457,6 +471,7 @@ def run():
         result["straight"], result["rods"] = straight_edges(paint), edges_of_rods(paint)
         result["planes"] = planes(paint)
         result["met"], result["on"] = met_before_edges(paint), met_on_a_table(paint)
+        result["post"] = seen_behind_a_post(paint)
         result["world"] = world_behind_a_leaf(paint)
         result["edges"] = nearest_edges(paint)
         result["amended"] = compare_amended(paint)

@@ -231,10 +231,26 @@ NOTHING = 1e20
 """What a capture's face has where it shows no thing."""
 
 
+SEEN = """
+void main()
+{
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
+  vec3 o = texelFetch(origin_tx, pixel, 0).xyz, d = texelFetch(along_tx, pixel, 0).xyz;
+  float way;
+  if (!seen(o, d, view.start.z, 0, -1, frag, way)) {
+    frag = vec4(0.0);
+  }
+}
+"""
+
+
 def marched(
-    paint, depths: np.ndarray, origins: np.ndarray, directions: np.ndarray, box=None
+    paint, depths: np.ndarray, origins: np.ndarray, directions: np.ndarray, box=None, wall=None
 ) -> np.ndarray:
     """Where rays meet what a parallel view shows, beside a capture that shows nothing.
+
+    With a ``wall``, so far away, the capture shows that, in red, and the view shows all in green:
+    then colours are returned.
 
     Parameters
     ----------
@@ -265,14 +281,19 @@ def marched(
     side = 8
     block[12] = 0.0, 0.0, 0.0, side
     faces = _constant(paint, "capture", "FACES") + 1
+    reach = np.full((side, faces * side), wall or NOTHING, np.float32)
     inputs = {
         "depth_tx": direct.depth,
         "tile_tx": tile_tx,
-        "reach_tx": paint._texture(np.full((side, faces * side), NOTHING, np.float32), "R32F"),
+        "reach_tx": paint._texture(reach, "R32F"),
     }
-    return _looked_up(
-        paint, MARCH, block, origins, directions, inputs, [] if box is None else [box]
-    )
+    if wall:
+        for name, shape, colour in (("direct", depths.shape, 1), ("capture", reach.shape, 0)):
+            filled = np.zeros((*shape, 4), np.float32)
+            filled[..., colour] = filled[..., 3] = 1.0
+            inputs[f"{name}_tx"] = paint._texture(filled, "RGBA32F")
+    text, boxes = SEEN if wall else MARCH, [] if box is None else [box]
+    return _looked_up(paint, text, block, origins, directions, inputs, boxes)
 
 
 BEHIND = """
@@ -345,6 +366,8 @@ def _looked_up(
             shader.uniform_float("backdrop", (0.0, 0.0, 0.0, 1.0))
         shader.uniform_block("glasses", glasses)
         shader.uniform_block("view", view)
+        if "direct_tx" in inputs:
+            shader.uniform_int("has_depth", 1)
         for name in (*between["samplers"], "origin_tx", "along_tx"):
             shader.uniform_sampler(name, inputs.get(name, none))
     with target.bind():
