@@ -184,7 +184,7 @@ SUM = source("sum")
 # pixels wide, as their lines are, gets the depth of what lies on both sides of it.
 DEPTH = AMENDED + source("depth")
 
-# The same depths, and which pixels have others beside them that lie in front of them or behind.
+# The same depths, and the nearest beside a pixel where one lies in front of another; else 0.
 STEPS = EDGE + source("steps")
 
 # The nearest and the farthest depth in each tile of the view.
