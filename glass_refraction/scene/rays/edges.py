@@ -16,6 +16,7 @@ import numpy as np
 
 from .hits import TOGETHER, Scene, Views
 from .sketches import MARGIN_PX, UNKNOWN, Sketch
+from .things import Things
 from .views import RadianceView
 
 AROUND = sorted(product((-1, 0, 1), repeat=2), key=lambda step: (np.abs(step).sum(), step))
@@ -28,7 +29,7 @@ FARTHER = sorted(
 SHINING = 2.0
 """Radiance, of the brightest of red, green and blue, from which on a surface shines."""
 GLARE = -3
-"""In place of a surface's number: of pixels that have light of what shines beside them."""
+"""In place of a surface's number: of pixels that have some of the light of what shines, not all."""
 
 
 def off_edges(scene: Scene, views: Views, view: np.ndarray, pixels: np.ndarray, surface) -> None:
@@ -43,7 +44,7 @@ def off_edges(scene: Scene, views: Views, view: np.ndarray, pixels: np.ndarray, 
     view, pixels : (K,) number of the view and frame pixels (K, 2) in it, of each lookup; the
         pixels are changed. surface : (K,) numbers of the surfaces that they look for.
     """
-    shines = np.array([max(look.radiance) > SHINING for look in scene.things.looks], bool)
+    shines = shining_looks(scene.things)
     for number, shown in enumerate(views):
         rows = np.flatnonzero(view == number)
         if not len(rows) or shown.sky_only:
@@ -52,6 +53,11 @@ def off_edges(scene: Scene, views: Views, view: np.ndarray, pixels: np.ndarray, 
         seen = _Seen.by(scene.sketch(shown), (pixels[block] for block in blocks), shines)
         for block in blocks:
             pixels[block] = _moved(seen, shown, pixels[block], surface[block])
+
+
+def shining_looks(things: Things) -> np.ndarray:
+    """(L,) which surfaces shine."""
+    return np.array([max(look.radiance) > SHINING for look in things.looks], bool)
 
 
 def _moved(seen: _Seen, view: RadianceView, pixels: np.ndarray, surface: np.ndarray) -> np.ndarray:
@@ -91,7 +97,7 @@ class _Seen:
 
     Attributes
     ----------
-    origin, surface : see `Sketch`; beside what shines, `GLARE`.
+    origin, surface : see `Sketch`; along the border of what shines, on both sides, `GLARE`.
     borders : for x and for y, beside which pixels something else is seen nearer or farther: before
         them (left, below) and after them.
     is_border : whether that is so on any side. is_dazzled : what shines, and beside it.
@@ -119,10 +125,13 @@ class _Seen:
         surface, dazzled = sketch.surface, np.zeros(asked.shape, bool)
         if shines.any():
             bright = (surface >= 0) & shines[np.maximum(surface, 0)]
-            dazzled = _spread(_spread(bright, 0, 1), 1, 1) & (surface != UNKNOWN)
-            surface = np.where(dazzled & ~bright, GLARE, surface)
+            dazzled = _round(bright) & (surface != UNKNOWN)
+            # Its outermost pixels have half of its light, and stand for it where it has no others.
+            full = bright & ~_round(~bright & (surface != UNKNOWN))
+            dim = bright & ~full & _round(full)
+            surface = np.where(dim | (dazzled & ~bright), GLARE, surface)
         borders = tuple(_borders(surface, sketch.far, sketch.step, a) for a in (1, 0))
-        is_border = np.logical_or.reduce([side for pair in borders for side in pair])
+        is_border = np.logical_or.reduce([surface == GLARE, *(s for pair in borders for s in pair)])
         return _Seen(sketch.origin, surface, borders, is_border, dazzled)
 
     @staticmethod
@@ -147,6 +156,11 @@ def _spread(mask: np.ndarray, axis: int, reach: int) -> np.ndarray:
         wide[after] |= mask[before]
         mask = wide
     return mask
+
+
+def _round(mask: np.ndarray) -> np.ndarray:
+    """A mask and the pixels round it."""
+    return _spread(_spread(mask, 0, 1), 1, 1)
 
 
 def _borders(surface, distance, step, axis: int) -> tuple[np.ndarray, np.ndarray]:

@@ -466,6 +466,7 @@ def ending(
     label: np.ndarray,
     size: tuple[int, int],
     radiance: np.ndarray | float = 1.0,
+    shines: np.ndarray | None = None,
 ) -> Endings:
     """Where ways end.
 
@@ -473,6 +474,7 @@ def ending(
     ----------
     rays : one ray a pixel. label : (K,) what their ways meet; where another begins, a way ends.
     radiance : (K,) of what they meet, as far as it is known to be brighter than white.
+    shines : (K,) whether that shines, as `edges.shining_looks` has it; by default nothing does.
     """
     width, height = size
     ways, pixel = rays.ways, beside.pixel
@@ -495,8 +497,10 @@ def ending(
         other_view, other = shown.view[a] != shown.view[b], label[a] != label[b]
         looked_up = ~other_view & (shown.view[a] >= 0)
         stretch = STRETCH * np.clip(apart - STEADY_PX, 0.0, MOST_STRETCHED_PX)
-        # Elsewhere nothing has filtered what lies between the two.
-        ended = np.maximum(bright[a], bright[b]) * (END * (~looked_up & (other_view | other)))
+        # Elsewhere nothing has filtered what lies between the two. Beside what shines a view has,
+        # but lookups keep off that.
+        unfiltered = ~looked_up if shines is None else ~looked_up | shines[a] | shines[b]
+        ended = np.maximum(bright[a], bright[b]) * (END * (unfiltered & (other_view | other)))
         stretch *= weight * looked_up
         uneven = np.abs(ways.weight[a] - ways.weight[b]) > MOST_UNEVEN * weight
         for some in (a, b):

@@ -19,7 +19,7 @@ from .blur import blurred_glasses, blurred_parts, blurred_things, keep_near
 from .caster import Casters
 from .columns import joined
 from .curtain import curtain, looked_up
-from .edges import off_edges
+from .edges import off_edges, shining_looks
 from .exits import (
     BLURRED,
     FinerRays,
@@ -244,7 +244,10 @@ def _followed(
     views = placed.views
     shown = show(scene, views, coarse.ways)
     surface = frame.things.surfaces(coarse.ways.triangle)
-    ends = ending(coarse, beside, shown, surface, view.size, shining(frame)[surface])
+    shines = np.append(shining_looks(frame.things), False)
+    ends = ending(
+        coarse, beside, shown, surface, view.size, shining(frame)[surface], shines[surface]
+    )
     # A way's end may lie in the next pixel, which a cropped picture need not hold.
     drawn = np.zeros(len(ends.pixel), bool)
     drawn[grid([frame.region], view.size)] = True

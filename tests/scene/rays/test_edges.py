@@ -126,6 +126,16 @@ def test_beside_what_shines_one_pixel_more_is_kept_off():
     assert np.array_equal(lit[far], pixels[far])
 
 
+def test_what_shines_is_looked_up_where_it_fills_the_pixel():
+    pixels = _lookups()
+    pixels = pixels[_from_border(pixels) < 0.0]
+    looks = (Look(radiance=(9.0, 0.0, 0.0)), Look())
+    lit = _moved(Card(), pixels, np.full(len(pixels), CARD), looks=looks)
+    beside = product((-1.0, 0.0, 1.0), repeat=2)
+    assert all((_met(Card(), np.floor(lit) + step) == CARD).all() for step in beside)
+    assert np.abs(lit - pixels).max() < 3.0
+
+
 def test_what_shines_may_be_all_there_is():
     """What nobody has looked at was taken for a surface before the first one: IndexError."""
     pixels = _lookups(5)
