@@ -40,6 +40,7 @@ from .read.glasses import (
     put_last,
     read_glass,
 )
+from .read.mesh_glasses import unread
 from .read.modifier_inputs import write_input
 from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
@@ -100,6 +101,7 @@ def prepare(
     is_true = scene.refractive_glass.shading == "TRUE"
     if is_true:
         glasses += _editable(instanced, problems)
+        problems += [line for obj in glasses if is_mesh_glass(obj) for line in unread(obj)]
     else:
         for obj in instanced:
             if obj.is_editable:

@@ -19,7 +19,7 @@ from glass_refraction.scene.names import (
 )
 from glass_refraction.scene.rays import exits
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
-from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of
+from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of, unread
 from glass_refraction.scene.read.modifier_inputs import (
     data_path,
     read_input,
@@ -313,6 +313,24 @@ def test_without_a_glassy_material_the_modifiers_ior_holds():
     write_input(glass_modifier(obj), "IOR", 1.4)
     bpy.context.view_layer.update()
     assert read_glass(obj, scenes.depsgraph()).description.ior == pytest.approx(1.4)
+
+
+def test_what_is_not_read_of_materials_is_told():
+    """A label's faces were glass, and a bump was left out, and nothing said so."""
+    obj = _ball()
+    glass = _material("ShaderNodeBsdfGlass")
+    obj.data.materials.append(glass)
+    obj.data.materials.append(_material("ShaderNodeBsdfDiffuse"))
+    assert unread(_own_mesh(obj)) == []
+    obj.data.polygons[0].material_index = 1
+    tree = glass.node_tree
+    shader = next(n for n in tree.nodes if n.type == "BSDF_GLASS")
+    tree.links.new(tree.nodes.new("ShaderNodeBump").outputs[0], shader.inputs["Normal"])
+    without, all_over = unread(obj)
+    assert "as Normal:" in without and obj.data.materials[1].name in all_over
+    scenes.camera()
+    door.prepare(scenes.settings(shading="TRUE"), scenes.depsgraph())
+    assert {without, all_over} <= set(door.status(bpy.context.scene).problems)
 
 
 def test_a_mesh_of_no_faces_or_no_numbers_is_one_line():

@@ -176,6 +176,37 @@ def glassy_materials(obj: bpy.types.Object) -> list[bpy.types.Material]:
     return [m for m in dict.fromkeys(slots) if material_interface(m) is not None]
 
 
+def unread(obj: bpy.types.Object) -> list[str]:
+    """A line for each thing that an object's materials have and that is not seen in the glass."""
+    materials = glassy_materials(obj)
+    if not materials:
+        return []
+    found, node = [], interface_node(materials[0])
+    linked = [i.name for i in node.inputs if any(not link.is_muted for link in i.links)]
+    others = (node.inputs.get(name) for name in _BESIDE_GLASS)
+    linked += [i.name for i in others if i is not None and not i.is_linked and i.default_value]
+    if linked:
+        found.append(
+            f'Glass "{obj.name}" is seen without what its material "{materials[0].name}" has as '
+            f"{', '.join(linked)}: it takes plain values of a glass (instead of bumps a Displace "
+            "modifier works)"
+        )
+    index = np.empty(len(obj.data.polygons), np.int32)
+    obj.data.polygons.foreach_get("material_index", index)
+    shown = [slot.material for n, slot in enumerate(obj.material_slots) if (index == n).any()]
+    opaque = [m.name for m in dict.fromkeys(shown) if m is not None and m not in materials]
+    if opaque:
+        found.append(
+            f'Glass "{obj.name}" is glass all over, also its faces of "{", ".join(opaque)}": '
+            "separate these (Edit Mode, P > By Material)"
+        )
+    return found
+
+
+_BESIDE_GLASS = ("Metallic", "Coat Weight", "Emission Strength", "Thin Film Thickness")
+"""Inputs of a shader that add to a glass what is not computed; plain glass has 0."""
+
+
 def material_interface(material: bpy.types.Material | None) -> Interface | None:
     """What a material says of a glass; None where it is none, or the extension's own.
 
