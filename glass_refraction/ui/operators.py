@@ -340,7 +340,9 @@ class OBJECT_OT_refractive_glass_modifier_add(bpy.types.Operator, GlassPropertie
     def poll(cls, context: bpy.types.Context) -> bool:
         obj = context.object
         if obj is None or obj.type != "MESH":
-            cls.poll_message_set(_rpt("Select a mesh object: it becomes the glass"))
+            cls.poll_message_set(
+                _rpt("Select a mesh object: it becomes the glass (text, curves: Object > Convert)")
+            )
             return False
         return can_edit(cls, context)
 

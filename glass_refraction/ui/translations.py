@@ -83,7 +83,8 @@ _GERMAN = {
         "refracted {} times": "{}-mal gebrochen",
         "mirrored {} times": "{}-mal gespiegelt",
         "Go to Object Mode first": "Zuerst in den Objektmodus wechseln",
-        "Select a mesh object: it becomes the glass": "Ein Mesh-Objekt auswählen: es wird zum Glas",
+        "Select a mesh object: it becomes the glass (text, curves: Object > Convert)": "Ein "
+        "Mesh-Objekt auswählen: es wird zum Glas (Text, Kurven: Objekt > Umwandeln)",
         '"{}" is a refractive glass already': '"{}" ist bereits ein lichtbrechendes Glas',
         '"{}" is linked from a library: make it local first': '"{}" ist aus einer Bibliothek '
         "verknüpft: zuerst lokal machen",
