@@ -9,10 +9,12 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from glass_refraction import optics
+from glass_refraction.scene import progress
 from glass_refraction.scene.build.glass_mesh import glass_surfaces
 from glass_refraction.scene.names import RefractiveGlassError
 from glass_refraction.scene.read.glasses import read_glasses
 from glass_refraction.scene.read.viewpoint import read_viewpoint
+from glass_refraction.scene.vertices import regions
 from glass_refraction.scene.vertices.hull import faces_eye, first_face
 from glass_refraction.scene.vertices.region_map import write_region_map
 from glass_refraction.scene.vertices.regions import (
@@ -126,7 +128,33 @@ def test_few_rays_tell_which_paths_are_bright_however_little_of_a_glass_is_seen(
 
     monkeypatch.setattr(optics, "path_weights", counted)
     mean_weights(glass, view, (optics.LightPath("R"),), fresnel=True)
-    assert max(rays) < 2 * PATH_SEARCH_RAYS
+    # Each is asked twice: whether it meets the glass, and along which paths.
+    assert sum(rays) < 4 * PATH_SEARCH_RAYS
+
+
+def test_esc_is_heeded_between_blocks_of_rays_and_these_do_not_show(monkeypatch):
+    """A large picture's weights took 16 s in one go."""
+    scenes.camera()
+    scene, _ = _case(shape="CYLINDER", contents_ior=1.333)
+    glass, view = _read(scene)
+    paths = optics.light_paths(glass.description, view.eye_for(glass))
+    at_once = path_regions(glass, view, paths)
+    monkeypatch.setattr(regions, "BLOCK", 1000)
+    found = path_regions(glass, view, paths)
+    np.testing.assert_array_equal(found.weights, at_once.weights)
+    np.testing.assert_array_equal(found.hit, at_once.hit)
+    solve = optics.path_weights
+
+    def pressed(*args):
+        progress.ask_to_stop()
+        return solve(*args)
+
+    monkeypatch.setattr(optics, "path_weights", pressed)
+    try:
+        with pytest.raises(progress.Stopped):
+            path_regions(glass, view, paths)
+    finally:
+        progress.go_on()
 
 
 def test_border_pixels_hold_the_covered_part():

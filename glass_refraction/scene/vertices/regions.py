@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ... import optics
+from ..progress import check
 from ..read.glasses import Glass, read_glasses
 from ..read.viewpoint import Viewpoint, read_viewpoint
 from .hull import first_face
@@ -22,6 +23,8 @@ SUPPORT = 2.0 * FILTER_WIDTH
 """Pixels across which that filter is not zero: twice its width (Cycles, scene/film.cpp)."""
 ENOUGH = 0.7
 """Part of the light that kept paths must bring for them to stand for all of it."""
+BLOCK = 65536
+"""Rays whose weights are found at once."""
 SUBSAMPLES = 24
 """Rays a side across the filter's support, in pixels where a region ends."""
 
@@ -190,6 +193,13 @@ class PathRays:
         if not len(x):
             none = np.zeros((len(self.paths), 0))
             return none, np.zeros(0, bool), none > 0
+        starts = range(0, len(x), BLOCK)
+        parts = [self._weights(x[start:][:BLOCK], y[start:][:BLOCK]) for start in starts]
+        return tuple(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+
+    def _weights(self, x: np.ndarray, y: np.ndarray):
+        """Of some of the rays: all of a large picture take many seconds, in which Esc is heeded."""
+        check()
         eye, directions = self.view.rays_in(self.glass, x, y)
         description = self.glass.description
         missed, _ = optics.path_weights(description, eye, directions, (optics.LightPath(""),))
