@@ -57,12 +57,12 @@ def slot_count(scene: bpy.types.Scene, *, named: bool) -> int:
 
 
 Paths = tuple[optics.LightPath, ...]
-Apart = Callable[[Hashable, str, Work], Generator[Step, None, Paths]]
+InSteps = Callable[[Hashable, str, Work], Generator[Step, None, Paths]]
 """Does long work, and steps while it goes on."""
 
 
 def kept_paths(
-    scene: bpy.types.Scene, glass: Glass, view: Viewpoint, apart: Apart
+    scene: bpy.types.Scene, glass: Glass, view: Viewpoint, apart: InSteps
 ) -> Generator[Step, None, Paths]:
     """The paths with a mean weight of ``min_weight`` or more, the brightest first.
 
@@ -73,7 +73,7 @@ def kept_paths(
     return _remembered(scene, glass, view, bright_paths, apart)
 
 
-def _remembered(scene, glass: Glass, view: Viewpoint, find, apart: Apart):
+def _remembered(scene, glass: Glass, view: Viewpoint, find, apart: InSteps):
     """What the scene's memory holds of a kind of paths; found first where it holds none."""
     settings, paths = scene.refractive_glass, memory_of(scene).paths
     asked = (settings.min_weight, settings.surface == "GLASS")
@@ -104,7 +104,7 @@ def _brightest(glass, view, paths, min_weight, fresnel, most=None) -> Paths:
 
 
 def open_paths(
-    scene: bpy.types.Scene, glass: Glass, view: Viewpoint, apart: Apart
+    scene: bpy.types.Scene, glass: Glass, view: Viewpoint, apart: InSteps
 ) -> Generator[Step, None, Paths]:
     """The beginnings of paths on whose last stretch a cup's contents are seen, the brightest first.
 
