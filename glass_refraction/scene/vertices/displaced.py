@@ -454,6 +454,8 @@ class _Task:
     def __post_init__(self) -> None:
         settings, view = self.frame.scene.refractive_glass, self.frame.view
         self.importance = max(self.regions.importance(self.path), 1e-3)
+        # Read here, for the search is made in a thread, which reads nothing of Blender's.
+        self._solved = SOLVED * settings.tolerance_px
         # What carries little light may lie less exactly: the error in the picture is the product.
         self.tolerance = min(settings.tolerance_px / self.importance, MAX_TOLERANCE_PX)
         self.stamp = (
@@ -498,8 +500,7 @@ class _Task:
     def search(self) -> Search:
         """What appearances along the path are found with."""
         if self._search is None:
-            tolerance = SOLVED * self.frame.scene.refractive_glass.tolerance_px
-            solver = Solver(self.glass, self.path, self.frame.view, tolerance)
+            solver = Solver(self.glass, self.path, self.frame.view, self._solved)
             self._search = Search(
                 solver, self._probe(), self.regions.rect, self.tolerance, self.importance
             )
