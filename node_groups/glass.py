@@ -14,13 +14,15 @@ from . import shadow
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass"
-VERSION = 1
+VERSION = 2
 """Counts the changes of this group: older files get the newest one by it (``scene/names.py``)."""
 SHAPES = ("Slab", "Cylinder", "Rod", "Sphere", "Tumbler", "Revolution", "Mesh")
 CORNER_NORMAL = "rg_corner_normal"
 """Attribute of a mesh's loose points that renders leave out: the normal of a triangle's corner."""
 SHARP = 0.8
 """Radians between the normals on both sides of an edge that is a rim."""
+MOST_SLOTS = 30
+"""Material slots that a bit each can tell of: bits of a whole number that are no sign."""
 
 
 def build():
@@ -55,7 +57,8 @@ def build():
     for name in SHAPES:
         menu.enum_items.new(name)
     own = group.outputs["Geometry"]
-    made_by_shape = (slab, tube, rod, sphere, tumbler, turned, own)
+    glass, opaque = _parted(b, own, group.outputs["Opaque Slots"])
+    made_by_shape = (slab, tube, rod, sphere, tumbler, turned, glass)
     for name, made in zip(SHAPES, made_by_shape, strict=True):
         b.link(made, menu.inputs[name])
     b.link(group.outputs["Shape"], menu.inputs["Menu"])
@@ -66,7 +69,7 @@ def build():
     b.link(menu.outputs["Output"], material.inputs["Geometry"])
     b.link(group.outputs["Material"], material.inputs["Material"])
     is_mesh = menu.outputs["Mesh"]
-    dressed = b.switch("GEOMETRY", is_mesh, material.outputs[0], menu.outputs["Output"])
+    dressed = b.switch("GEOMETRY", is_mesh, material.outputs[0], own)
 
     # In a render the refracted picture stands in the glass's place, so the mesh keeps out of it.
     shown = b.node("FunctionNodeBooleanMath", operation="OR")
@@ -76,7 +79,7 @@ def build():
         "GEOMETRY",
         only_edges.outputs[0],
         dressed,
-        _with_corners(b, _edges(b, menu.outputs["Output"]), is_mesh, own),
+        _with_corners(b, _edges(b, menu.outputs["Output"]), is_mesh, glass, opaque),
     )
     unshown = b.switch(
         "GEOMETRY",
@@ -84,7 +87,7 @@ def build():
         _nothing(b),
         shadow.cast(b, menu.outputs["Output"], group, _is_solid(b, menu, wall)),
     )
-    unshown = _with_corners(b, _with_mirrored(b, unshown, group), is_mesh, own)
+    unshown = _with_corners(b, _with_mirrored(b, unshown, group), is_mesh, glass, opaque)
     out = b.switch("GEOMETRY", shown.outputs[0], unshown, mesh)
     end = b.node("NodeGroupOutput")
     b.link(out, end.inputs[0])
@@ -102,14 +105,42 @@ def _with_mirrored(b: TreeBuilder, unshown, group):
     return both.outputs[0]
 
 
-def _with_corners(b: TreeBuilder, shown, is_mesh, own):
-    """What is shown, and of a glass that is a mesh the corners of its triangles as loose points.
+def _parted(b: TreeBuilder, own, slots):
+    """A mesh's faces that are glass, and the others, all with the normals that they had.
+
+    ``slots``: bit k says that faces of material slot k are no glass.
+    """
+    realised = b.node("RealizeInstances")
+    b.link(own, realised.inputs["Geometry"])
+    kept = b.node("CaptureAttribute", domain="CORNER")
+    kept.capture_items.new("VECTOR", "Normal")
+    b.link(realised.outputs[0], kept.inputs["Geometry"])
+    b.link(b.node("InputNormal").outputs["Normal"], kept.inputs["Normal"])
+    slot = b.whole("MINIMUM", b.node("InputMaterialIndex").outputs[0], MOST_SLOTS)
+    bit = b.whole("DIVIDE_FLOOR", slots, b.whole("POWER", 2, slot))
+    parted = b.node("SeparateGeometry", domain="FACE")
+    b.link(kept.outputs["Geometry"], parted.inputs["Geometry"])
+    b.link(b.whole("MODULO", bit, 2), parted.inputs["Selection"])
+
+    def with_normals(part):
+        normals = b.node("SetMeshNormal", mode="FREE", domain="CORNER")
+        b.link(part, normals.inputs["Mesh"])
+        b.link(kept.outputs["Normal"], enabled(normals.inputs, "Custom Normal"))
+        return normals.outputs[0]
+
+    glass = b.switch("GEOMETRY", slots, own, with_normals(parted.outputs["Inverted"]))
+    opaque = b.switch("GEOMETRY", slots, _nothing(b), with_normals(parted.outputs["Selection"]))
+    return glass, opaque
+
+
+def _with_corners(b: TreeBuilder, shown, is_mesh, glass, opaque):
+    """What is shown, and of a mesh its opaque faces and the corners of its glass as loose points.
 
     No engine draws loose points of a mesh; the extension reads the glass from them. Three in a row
     are a triangle.
     """
     realised = b.node("RealizeInstances")
-    b.link(own, realised.inputs["Geometry"])
+    b.link(glass, realised.inputs["Geometry"])
     kept = b.node("CaptureAttribute", domain="CORNER")
     kept.capture_items.new("VECTOR", "Normal")
     b.link(realised.outputs[0], kept.inputs["Geometry"])
@@ -137,10 +168,10 @@ def _with_corners(b: TreeBuilder, shown, is_mesh, own):
     store.inputs["Name"].default_value = CORNER_NORMAL
     normal = of_corner(kept.outputs["Normal"])
     b.link(normal, enabled(store.inputs, "Value"))
-    both = b.node("JoinGeometry")
-    b.link(store.outputs[0], both.inputs[0])
-    b.link(shown, both.inputs[0])
-    return b.switch("GEOMETRY", is_mesh, shown, both.outputs[0])
+    parts = b.node("JoinGeometry")
+    for part in (store.outputs[0], shown, opaque):
+        b.link(part, parts.inputs[0])
+    return b.switch("GEOMETRY", is_mesh, shown, parts.outputs[0])
 
 
 def _triangulated(b: TreeBuilder, mesh):
@@ -330,6 +361,13 @@ def _interface(b: TreeBuilder) -> None:
         "Object",
         hidden=True,
         description="Set by the extension: what mirrors and windows show of the glass in Cycles",
+    )
+    b.socket(
+        "Opaque Slots",
+        "Int",
+        default=0,
+        hidden=True,
+        description="Set by the extension: the material slots whose faces are no glass, a bit each",
     )
 
 

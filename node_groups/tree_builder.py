@@ -80,6 +80,13 @@ class TreeBuilder:
             self.link(second, node.inputs[1])
         return node.outputs[0]
 
+    def whole(self, operation: str, first, second):
+        """An Integer Math node; returns its output socket."""
+        node = self.node("FunctionNodeIntegerMath", operation=operation)
+        self.link(first, node.inputs[0])
+        self.link(second, node.inputs[1])
+        return node.outputs[0]
+
     def switch(self, kind: str, condition, false, true):
         """A Switch node of the given input type; returns its output socket."""
         node = self.node("Switch", input_type=kind)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,12 +15,13 @@ from mathutils import Matrix
 from .. import optics
 from ..scene.build.glass_material import SURFACES, Interface, glass_shader, surface_look
 from ..scene.build.glass_mesh import FILM, Surface, fill_mesh, film, glass_surfaces
+from ..scene.build.mirrored import INPUT as MIRROR
 from ..scene.build.shaders import math_node, met_where, new_surface
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.rays.looks import look_of
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
 from ..scene.read.light_linking import lights_any
-from ..scene.read.mesh_glasses import CLEAR
+from ..scene.read.mesh_glasses import CLEAR, opaque_bits
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .interfaces import Interfaces, interfaces, near_shells, overlapping
@@ -146,15 +147,17 @@ def _show_glasses(
     shells = near_shells(glasses)
     together = (yield partial(overlapping, shells)) if shells else frozenset()
     joint = [shell for shell in shells if shell.glass.name in together]
-    shown = {obj: glass for obj, glass in meshes.items() if glass.name not in together}
-    for obj in (*closed, *(obj for obj in meshes if obj not in shown)):
-        style.set(obj, "hide_render", True)
+    shown = {
+        obj: glass
+        for obj, glass in meshes.items()
+        if glass.name not in together and not opaque_bits(glass_modifier(obj))
+    }
+    _leave_out((*closed, *(obj for obj in meshes if obj not in shown)), style.temporary)
     for obj, glass in shown.items():
         _show_mesh(obj, glass, style)
+    standing = {*together, *(glass.name for glass in shown.values())}
     made = {
-        _glass_object(glass, style): [glass.name]
-        for glass in glasses
-        if not (glass.is_mesh or glass.name in together)
+        _glass_object(glass, style): [glass.name] for glass in glasses if glass.name not in standing
     }
     if joint:
         found = yield partial(interfaces, joint)
@@ -184,10 +187,21 @@ def rendering_direct(scene: bpy.types.Scene) -> Generator[Request, object, np.nd
     """The scene's current frame without its glasses, by its own engine: (H, W, 4), in steps."""
     closed, meshes = _objects(read_glasses(scene_depsgraph(scene), []))
     with _reference_scene(scene) as direct, ExitStack() as temporary:
-        for obj in (*closed, *meshes):
+        _leave_out((*closed, *meshes), temporary)
+        return (yield from rendering_picture(direct))
+
+
+def _leave_out(glasses: Iterable[bpy.types.Object], temporary: ExitStack) -> None:
+    """Have renders show no glass; what is opaque of a glass's mesh stays."""
+    for obj in glasses:
+        modifier = glass_modifier(obj)
+        if not opaque_bits(modifier):
             temporary.callback(setattr, obj, "hide_render", obj.hide_render)
             obj.hide_render = True
-        return (yield from rendering_picture(direct))
+            continue
+        for name, value in (("Show in Render", False), ("Casts Shadow", False), (MIRROR, None)):
+            temporary.callback(write_input, modifier, name, read_input(modifier, name))
+            write_input(modifier, name, value)
 
 
 def _is_polished(scene: bpy.types.Scene) -> bool:
@@ -411,11 +425,11 @@ def _shrunk(mesh: bpy.types.Mesh) -> Matrix:
 
 
 def _kind(glass: Glass, surface: Surface) -> tuple:
-    """What a surface's material depends on: relative ior, absorption before and behind it."""
-    eta = surface.ior_inside / surface.ior_outside
-    if not glass.is_tinted:
-        return (eta, None, None)
-    return (eta, *(glass.absorption[medium] for medium in surface.media))
+    """What a surface's material depends on, see `_glass_material`."""
+    sides = (None, None)
+    if glass.is_tinted:
+        sides = [glass.absorption[medium] for medium in surface.media]
+    return (surface.ior_inside / surface.ior_outside, *sides, *surface_look(glass))
 
 
 def _glass_material(

@@ -2,7 +2,8 @@
 """A mesh's own material and the modifier both have its glass's ior: change one, the other follows.
 
 What was seen last tells which of the two was changed. Nothing is written before a change is seen,
-nor where animation or drivers decide.
+nor where animation or drivers decide. The modifier also follows in which of the mesh's materials
+are no glass.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from __future__ import annotations
 import bpy
 
 from .read.animation import may_change
-from .read.glasses import glass_modifier
-from .read.mesh_glasses import glassy_materials, interface_node
-from .read.modifier_inputs import data_path, read_input, write_input
+from .read.glasses import glass_modifier, is_mesh_glass
+from .read.mesh_glasses import OPAQUE, glassy_materials, interface_node, opaque_bits, wanted_bits
+from .read.modifier_inputs import data_path, has_input, read_input, write_input
 
 CLOSE = 1e-6
 """Float32 keeps an ior to this."""
@@ -40,11 +41,21 @@ def follow(depsgraph: bpy.types.Depsgraph) -> None:
             _follow(obj)
 
 
+def tell_opaque(obj: bpy.types.Object) -> None:
+    """Have a glass that can be written know which material slots of its mesh are no glass."""
+    modifier = glass_modifier(obj)
+    bits = wanted_bits(obj) if is_mesh_glass(obj) else 0
+    if bits != opaque_bits(modifier) and has_input(modifier, OPAQUE):
+        write_input(modifier, OPAQUE, bits)
+
+
 def _follow(obj: bpy.types.Object, *, write: bool = True) -> bool:
     """Let an object and its material follow each other; returns whether the material did."""
-    modifier = glass_modifier(obj) if obj.type == "MESH" else None
-    if modifier is None or read_input(modifier, "Shape") != "Mesh":
+    if not is_mesh_glass(obj):
         return False
+    modifier = glass_modifier(obj)
+    if write and obj.is_editable:
+        tell_opaque(obj)
     material = next(iter(glassy_materials(obj)), None)
     if material is None:
         _seen.pop(obj.session_uid, None)

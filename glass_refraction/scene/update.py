@@ -25,6 +25,7 @@ from .build.compositor import can_insert, remove_group, remove_stray_nodes, show
 from .build.own_scenes import find_own_scenes, own_blocks, remove_leftovers, remove_own_scenes
 from .build.standing import blocks_of, held_by, made_for
 from .changes import generation
+from .material_link import tell_opaque
 from .memory import Status, counters, forget, memory_of, status
 from .names import RefractiveGlassError, own
 from .progress import tell
@@ -40,7 +41,7 @@ from .read.glasses import (
     put_last,
     read_glass,
 )
-from .read.mesh_glasses import unread
+from .read.mesh_glasses import opaque_bits, unread
 from .read.modifier_inputs import write_input
 from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
@@ -101,7 +102,9 @@ def prepare(
     is_true = scene.refractive_glass.shading == "TRUE"
     if is_true:
         glasses += _editable(instanced, problems)
-        problems += [line for obj in glasses if is_mesh_glass(obj) for line in unread(obj)]
+        for obj in filter(is_mesh_glass, glasses):
+            tell_opaque(obj)
+            problems += unread(obj, opaque_bits(glass_modifier(obj)))
     else:
         for obj in instanced:
             if obj.is_editable:

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..optics import LINES
 from ..scene.names import RefractiveGlassError
-from ..scene.read.glasses import read_mesh_interface
-from ..scene.read.mesh_glasses import triangles_of
+from ..scene.read.glasses import glass_modifier, read_mesh_interface
+from ..scene.read.mesh_glasses import opaque_bits, triangles_of
 from .description import Posed
 from .news import News
 from .places import Key, Place
@@ -119,7 +119,7 @@ class MeshGlasses:
         if where in self._growing and self._growing[where][0] == key:
             return
         try:
-            points, normals = triangles_of(evaluated.data)
+            points, normals = triangles_of(evaluated.data, opaque_bits(glass_modifier(evaluated)))
             if len(points) > MOST_TRIANGLES:
                 raise ValueError(
                     f"{len(points)} triangles are too many for the live view, which takes "

@@ -14,10 +14,12 @@ from ..scene.names import RefractiveGlassError, own
 from ..scene.read.glasses import (
     as_body,
     glass_modifier,
+    glass_objects,
     instanced_glasses,
     is_mesh_glass,
     read_glass,
 )
+from ..scene.read.mesh_glasses import opaque_bits
 from ..scene.read.sources import source_objects
 from ..scene.read.viewpoint import Viewpoint
 from .capture import Box, box_of
@@ -132,8 +134,12 @@ class Model:
 
     def _list_things(self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D) -> None:
         """Find all things, and read their boxes."""
+        # Of a glass, what is opaque of its mesh.
+        glasses = (obj for obj in glass_objects(layer) if opaque_bits(glass_modifier(obj)))
         things = [
-            o for o in source_objects(layer) if o.visible_get(view_layer=layer, viewport=space)
+            o
+            for o in (*source_objects(layer), *glasses)
+            if o.visible_get(view_layer=layer, viewport=space)
         ]
         self._things = {obj.session_uid: obj.name for obj in things}
         self._beside = {o.session_uid for o in layer.objects if o.type in NEVER_SEEN}
@@ -321,6 +327,8 @@ def _spreads(obj: bpy.types.Object) -> bool:
 
 
 def _may_show_instances(obj: bpy.types.Object) -> bool:
+    if obj.type == "MESH" and glass_modifier(obj) is not None:
+        return False
     return (
         obj.instance_collection is not None
         or obj.is_instancer

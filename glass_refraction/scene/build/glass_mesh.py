@@ -21,6 +21,7 @@ from ...optics import CylinderGlass, FlatGlass, SphereGlass
 from ...optics.axial import AxialGlass
 from ...optics.bodies import Tube
 from ...optics.surfaces import Cylinder, Plane, anticlockwise
+from ..read.mesh_glasses import MeshGlass
 
 # Facets round a full circle. A chord misses its arc by r * (pi / segments)**2 / 2: 1.2e-6 r for the
 # cylinder, 1.9e-5 r for the sphere, whose number of faces grows with the square.
@@ -87,7 +88,7 @@ class Surface:
 
 
 def glass_surfaces(
-    glass: FlatGlass | CylinderGlass | SphereGlass | AxialGlass,
+    glass: FlatGlass | CylinderGlass | SphereGlass | AxialGlass | MeshGlass,
     *,
     segments: int | None = None,
     reach: float = 100.0,
@@ -96,7 +97,7 @@ def glass_surfaces(
 
     Parameters
     ----------
-    glass : its optics description.
+    glass : its optics description; a mesh has its own triangles.
     segments : facets round a full circle (a sphere: rounded up to a multiple of 4); by default
         ``CYLINDER_SEGMENTS`` or ``SPHERE_SEGMENTS``.
     reach : metres; an unbounded glass is cut off this far from its origin, without rims or sides.
@@ -125,6 +126,22 @@ def glass_surfaces(
 def _surfaces(glass, segments: int | None, reach: float) -> tuple[Surface, ...]:
     """What `glass_surfaces` returns; a shape registers its own."""
     raise TypeError(f"no mesh for a glass of type {type(glass).__name__}")
+
+
+@_surfaces.register
+def _(glass: MeshGlass, _segments: int | None, _reach: float) -> tuple[Surface, ...]:
+    count = len(glass.points)
+    surface = Surface(
+        name="mesh",
+        vertices=glass.points.reshape(-1, 3),
+        corners=np.arange(3 * count),
+        sizes=np.full(count, 3),
+        normals=glass.normals.reshape(-1, 3),
+        ior_inside=glass.ior,
+        ior_outside=1.0,
+        media=(0, 1),
+    )
+    return (surface,)
 
 
 FILM = 2e-5

@@ -177,7 +177,7 @@ def _filling(glass: Glass | None, to_local: np.ndarray | None, through: bool) ->
     """A glass's interfaces, each face with what it is; of None nothing."""
     if glass is None:
         return _Filling()
-    surfaces = _surfaces(glass)
+    surfaces = glass_surfaces(glass.description, segments=SEGMENTS)
     points = np.concatenate([surface.vertices for surface in surfaces])
     matrix = to_local @ glass.to_world @ film(points)
     faces, media = [len(surface.sizes) for surface in surfaces], glass.description.media
@@ -207,25 +207,6 @@ def _fill(mesh: bpy.types.Mesh, filling: _Filling) -> None:
         attribute = mesh.attributes.new(name, kind, "FACE")
         attribute.data.foreach_set(field, values.astype("f4").ravel())
     mesh.update()
-
-
-def _surfaces(glass: Glass) -> Sequence[Surface]:
-    if not glass.is_mesh:
-        return glass_surfaces(glass.description, segments=SEGMENTS)
-    mesh = glass.description
-    count = 3 * len(mesh.points)
-    return [
-        Surface(
-            name=glass.name,
-            vertices=mesh.points.reshape(-1, 3),
-            corners=np.arange(count),
-            sizes=np.full(len(mesh.points), 3),
-            normals=mesh.normals.reshape(-1, 3),
-            ior_inside=mesh.ior,
-            ior_outside=1.0,
-            media=(0, 1),
-        )
-    ]
 
 
 def remove_mirrored(cast: bpy.types.Scene) -> None:

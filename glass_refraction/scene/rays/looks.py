@@ -227,6 +227,16 @@ def marked_look(look: LookOf, **marks: bool | None) -> LookOf:
     return marked
 
 
+def look_among(look: LookOf, materials: set[bpy.types.Material | None]) -> LookOf:
+    """The same look of some (original) materials; None of all others."""
+
+    def chosen(material: bpy.types.Material | None) -> Look | None:
+        original = None if material is None else material.original
+        return look(material) if original in materials else None
+
+    return chosen
+
+
 def hole_look(_material: bpy.types.Material | None) -> Look:
     """The look of a holdout."""
     return Look((0.0, 0.0, 0.0), is_hole=True)

@@ -10,13 +10,24 @@ import numpy as np
 
 from ...optics.vectors import rotated
 from ..names import own
-from ..read.arrays import corner_normals, mesh_triangles, positions, uv_map
+from ..read.arrays import corner_normals, mesh_triangles, positions, triangle_slots, uv_map
 from ..read.cutouts import Masks, cutout_of, faces_of, is_invisible
+from ..read.glasses import glass_modifier, is_mesh_glass
 from ..read.light_linking import is_mirrored
+from ..read.mesh_glasses import opaque_bits, opaque_materials
 from ..read.strands import MOST_TRIANGLES, balls, fur, strands
 from .columns import Columns
 from .lamps import lamp_shape
-from .looks import Look, LookOf, card_look, hole_look, look_of, marked_look, softbox_look
+from .looks import (
+    Look,
+    LookOf,
+    card_look,
+    hole_look,
+    look_among,
+    look_of,
+    marked_look,
+    softbox_look,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +138,7 @@ def read_things(
 
     Parameters
     ----------
-    left_out : names of objects that no ray meets here: glasses, of other scenes too.
+    left_out : names of the glasses, of other scenes too: rays meet their opaque faces alone here.
     mirrors : names of the glasses, whose light linking counts for lamps and softboxes.
     engine : of the render; Workbench is lit by no lamps and cuts nothing out.
     masks : what was read of images in this render.
@@ -140,8 +151,14 @@ def read_things(
         obj = instance.object
         original = obj.original
         owner = instance.parent.original if instance.is_instance else original
-        if own(original) or original.name in left_out or owner.name in left_out:
+        if own(original) or (owner.name in left_out and owner != original):
             continue
+        opaque = None
+        if original.name in left_out:
+            bits = opaque_bits(glass_modifier(obj)) if is_mesh_glass(obj) else 0
+            opaque = opaque_materials(obj, bits)
+            if not opaque:
+                continue
         drawn = [obj.data] if instance.show_self and isinstance(obj.data, Drawn) else []
         drawn += _furs(obj) if instance.show_particles else []
         if obj.type == "LIGHT":
@@ -168,6 +185,8 @@ def read_things(
         if owner.type == "META":
             # Captures have the user's scene as their set, and Blender leaves a set's metaballs out.
             look = marked_look(look, is_uncaptured=True)
+        if opaque is not None:
+            look = look_among(look, opaque)
         if obj.type in UNMET and instance.show_self:
             builder.unmet[owner.name] = None
         for part in drawn:
@@ -338,11 +357,8 @@ def _read(mesh: Drawn) -> tuple[np.ndarray, ...]:
         return strands(mesh)
     if isinstance(mesh, bpy.types.PointCloud):
         return balls(mesh)
-    corners = mesh_triangles(mesh)
-    slots = np.zeros(len(corners), np.int32)
-    if "material_index" in mesh.attributes:
-        slots = mesh_triangles(mesh, "material_index")
-    return positions(mesh).astype(float), corners, slots, mesh_triangles(mesh, "loops")
+    points, corners = positions(mesh).astype(float), mesh_triangles(mesh)
+    return points, corners, triangle_slots(mesh), mesh_triangles(mesh, "loops")
 
 
 def _checked(shape: tuple[np.ndarray, ...] | None) -> tuple[np.ndarray, ...] | None:

@@ -648,9 +648,12 @@ def _read_light(
 
 
 def _seen_through(scene: bpy.types.Scene, problems: list[str]) -> frozenset[str] | None:
-    """Names of what the glasses' collection lets be seen through them; None: all."""
-    chosen = {}
-    for obj in all_glasses(rendered_layer(scene)):
+    """Names of what the glasses' collection lets be seen through them; None: all.
+
+    What is opaque of a glass's own mesh is seen in any case.
+    """
+    chosen, glasses = {}, all_glasses(rendered_layer(scene))
+    for obj in glasses:
         collection = read_input(glass_modifier(obj), "Seen Through")
         names = None if collection is None else frozenset(o.name for o in collection.all_objects)
         chosen.setdefault(names, obj.name)
@@ -661,7 +664,8 @@ def _seen_through(scene: bpy.types.Scene, problems: list[str]) -> frozenset[str]
             "shading shows everything then: choose the same, or Displaced as Shading"
         )
         return None
-    return next(iter(chosen), None)
+    names = next(iter(chosen), None)
+    return None if names is None else names.union(glass.name for glass in glasses)
 
 
 def _filter_size(scene: bpy.types.Scene) -> float:

@@ -84,6 +84,14 @@ def mesh_triangles(mesh: bpy.types.Mesh, what: str = "vertices") -> np.ndarray:
     return out
 
 
+def triangle_slots(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(T,) int32, the material slot of each of a mesh's triangles."""
+    if "material_index" in mesh.attributes:
+        return mesh_triangles(mesh, "material_index")
+    mesh.calc_loop_triangles()
+    return np.zeros(len(mesh.loop_triangles), np.int32)
+
+
 def corner_normals(mesh: bpy.types.Mesh) -> np.ndarray:
     """Normals (L, 3) of the face corners, custom normals and sharp edges included."""
     out = np.empty((len(mesh.loops), 3), np.float32)

@@ -16,7 +16,13 @@ from ...optics.axial import AxialGlass
 from ...optics.revolution import nested
 from ..names import RefractiveGlassError, own
 from .animation import may_change
-from .mesh_glasses import MeshGlass, interface_of, placed_triangles, volume_absorption
+from .mesh_glasses import (
+    MeshGlass,
+    interface_of,
+    opaque_bits,
+    placed_triangles,
+    volume_absorption,
+)
 from .modifier_inputs import data_path, has_input, read_input
 from .node_ends import trees
 from .visibility import layer_objects, rendered_objects
@@ -387,9 +393,9 @@ def read_glass(
         to_world = np.array(evaluated.matrix_world, float)
     shape = read_input(modifier, "Shape")
     if shape == "Mesh":
-        mesh = evaluated.data
+        mesh, opaque = evaluated.data, opaque_bits(modifier)
         return _read_mesh(
-            evaluated, depsgraph, to_world, lambda: placed_triangles(mesh, to_world, known)
+            evaluated, depsgraph, to_world, lambda: placed_triangles(mesh, to_world, opaque, known)
         )
     _check_place(to_world, obj.name)
     if shape != "Slab" and np.linalg.det(to_world[:3, :3]) < 0.0:

@@ -19,13 +19,19 @@ from .arrays import (
     mesh_triangles,
     positions,
     read_attribute,
+    triangle_slots,
 )
+from .modifier_inputs import has_input, read_input
 from .node_ends import leading_node
 
 CORNER_NORMAL = "rg_corner_normal"
 """Attribute of the loose points, three a triangle, that the modifier leaves of a mesh where it
 hides it; `node_groups.glass` makes them."""
 CLEAR = (1.0, 1.0, 1.0)
+OPAQUE = "Opaque Slots"
+"""Input of the glass's modifier: bit k says that the faces of material slot k are no glass."""
+MOST_SLOTS = 30
+"""Material slots that have a bit; the faces of others are glass (`node_groups.glass`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +99,14 @@ class Interface:
 
 
 def placed_triangles(
-    mesh: bpy.types.Mesh, to_world: np.ndarray, known: dict | None = None
+    mesh: bpy.types.Mesh, to_world: np.ndarray, opaque: int = 0, known: dict | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points and unit normals (T, 3, 3) of an evaluated mesh's triangles in the world.
 
     Parameters
     ----------
     to_world : (4, 4), any that has an inverse.
+    opaque : see `triangles_of`.
     known : what was read of meshes before, by their address: instances share it.
 
     Raises
@@ -109,7 +116,7 @@ def placed_triangles(
     """
     key, known = mesh.as_pointer(), {} if known is None else known
     if key not in known:
-        known[key] = triangles_of(mesh)
+        known[key] = triangles_of(mesh, opaque)
     points, normals = known[key]
     points, normals, area = placed(points, normals, to_world[:3, :3], to_world[:3, 3])
     kept = area > 0.0
@@ -118,8 +125,12 @@ def placed_triangles(
     return np.ascontiguousarray(points[kept]), np.ascontiguousarray(normals[kept])
 
 
-def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
+def triangles_of(mesh: bpy.types.Mesh, opaque: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Points and normals (T, 3, 3) of the corners of a mesh's triangles, in its own frame.
+
+    Parameters
+    ----------
+    opaque : what `opaque_bits` has of the glass; its faces that are no glass are left out.
 
     Raises
     ------
@@ -130,17 +141,47 @@ def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
     left = mesh.attributes.get(CORNER_NORMAL)
     if left is not None:
         normals = read_attribute(left).astype(float)
-        # What casts the shadow has no such normals.
+        # What casts the shadow and what is opaque have no such normals.
         own_points = normals.any(axis=1)
         points, normals = points[own_points], normals[own_points]
     else:
-        normals = corner_normals(mesh).astype(float)[mesh_triangles(mesh, "loops")]
-        points = points[mesh_triangles(mesh)]
+        glass = np.flatnonzero(~_is_opaque(mesh, opaque))
+        normals = corner_normals(mesh).astype(float)[mesh_triangles(mesh, "loops")[glass]]
+        points = points[mesh_triangles(mesh)[glass]]
     if not len(points):
         raise ValueError("its mesh has no faces: a glass needs some")
     if not np.isfinite(points).all():
         raise ValueError("its mesh has a point that is no number: delete or move it")
     return points.reshape(-1, 3, 3), normals.reshape(-1, 3, 3)
+
+
+def _is_opaque(mesh: bpy.types.Mesh, opaque: int) -> np.ndarray:
+    """(T,) whether each of a mesh's triangles is of one of the opaque slots."""
+    slots = np.minimum(triangle_slots(mesh), MOST_SLOTS)
+    return (opaque >> slots & 1).astype(bool)
+
+
+def opaque_bits(modifier: bpy.types.NodesModifier | None) -> int:
+    """What the modifier of a glass knows of its opaque slots; an older one, or None, of none."""
+    knows = modifier is not None and has_input(modifier, OPAQUE)
+    return int(read_input(modifier, OPAQUE)) if knows else 0
+
+
+def wanted_bits(obj: bpy.types.Object) -> int:
+    """What the modifier of a glass should know: the slots of materials beside its glassy ones.
+
+    None is opaque where none is glassy: then the mesh is glass whatever it is of. What is linked
+    to the object is not among a mesh's materials, so no mesh that is taken apart shows it.
+    """
+    slots, glassy = obj.material_slots[:MOST_SLOTS], glassy_materials(obj)
+    opaque = (s.slot_index for s in slots if s.material not in glassy and s.link == "DATA")
+    return sum(1 << number for number in opaque) if glassy else 0
+
+
+def opaque_materials(obj: bpy.types.Object, opaque: int) -> set[bpy.types.Material | None]:
+    """The materials of an object's slots that are among the opaque ones."""
+    slots = obj.original.material_slots[:MOST_SLOTS]
+    return {slot.material for slot in slots if opaque >> slot.slot_index & 1}
 
 
 def interface_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, ior: float) -> Interface:
@@ -176,8 +217,11 @@ def glassy_materials(obj: bpy.types.Object) -> list[bpy.types.Material]:
     return [m for m in dict.fromkeys(slots) if material_interface(m) is not None]
 
 
-def unread(obj: bpy.types.Object) -> list[str]:
-    """A line for each thing that an object's materials have and that is not seen in the glass."""
+def unread(obj: bpy.types.Object, opaque: int) -> list[str]:
+    """A line for each thing that an object's materials have and that is not seen in the glass.
+
+    ``opaque``: see `triangles_of`.
+    """
     materials = glassy_materials(obj)
     if not materials:
         return []
@@ -194,11 +238,13 @@ def unread(obj: bpy.types.Object) -> list[str]:
     index = np.empty(len(obj.data.polygons), np.int32)
     obj.data.polygons.foreach_get("material_index", index)
     shown = [slot.material for n, slot in enumerate(obj.material_slots) if (index == n).any()]
-    opaque = [m.name for m in dict.fromkeys(shown) if m is not None and m not in materials]
-    if opaque:
+    known = {None, *materials, *opaque_materials(obj, opaque)}
+    left = [m.name for m in dict.fromkeys(shown) if m not in known]
+    if left:
         found.append(
-            f'Glass "{obj.name}" is glass all over, also its faces of "{", ".join(opaque)}": '
-            "separate these (Edit Mode, P > By Material)"
+            f'Glass "{obj.name}" is glass on its faces of "{", ".join(left)}" too: link these '
+            "materials to Data (Material Properties), or separate the faces (Edit Mode, P > By "
+            "Material)"
         )
     return found
 
