@@ -71,24 +71,19 @@ def build():
     is_mesh = menu.outputs["Mesh"]
     dressed = b.switch("GEOMETRY", is_mesh, material.outputs[0], own)
 
-    # In a render the refracted picture stands in the glass's place, so the mesh keeps out of it.
-    shown = b.node("FunctionNodeBooleanMath", operation="OR")
-    b.link(is_viewport.outputs[0], shown.inputs[0])
-    b.link(group.outputs["Show in Render"], shown.inputs[1])
-    mesh = b.switch(
-        "GEOMETRY",
-        only_edges.outputs[0],
-        dressed,
-        _with_corners(b, _edges(b, menu.outputs["Output"]), is_mesh, glass, opaque),
-    )
     unshown = b.switch(
         "GEOMETRY",
         group.outputs["Casts Shadow"],
         _nothing(b),
         shadow.cast(b, menu.outputs["Output"], group, _is_solid(b, menu, wall)),
     )
-    unshown = _with_corners(b, _with_mirrored(b, unshown, group), is_mesh, glass, opaque)
-    out = b.switch("GEOMETRY", shown.outputs[0], unshown, mesh)
+    unshown = _with_mirrored(b, unshown, group)
+    # In a render the refracted picture stands in the glass's place, so the mesh keeps out of it.
+    is_shown = b.switch("BOOLEAN", is_viewport.outputs[0], group.outputs["Show in Render"], True)
+    is_whole = b.switch("BOOLEAN", only_edges.outputs[0], is_shown, False)
+    left = b.switch("GEOMETRY", only_edges.outputs[0], unshown, _edges(b, menu.outputs["Output"]))
+    left = _with_corners(b, left, is_mesh, glass, opaque)
+    out = b.switch("GEOMETRY", is_whole, left, dressed)
     end = b.node("NodeGroupOutput")
     b.link(out, end.inputs[0])
     return b.tree
@@ -133,8 +128,8 @@ def _parted(b: TreeBuilder, own, slots):
     return glass, opaque
 
 
-def _with_corners(b: TreeBuilder, shown, is_mesh, glass, opaque):
-    """What is shown, and of a mesh its opaque faces and the corners of its glass as loose points.
+def _with_corners(b: TreeBuilder, left, is_mesh, glass, opaque):
+    """What is left of a glass, and of a mesh its opaque faces and its glass's corners, loose.
 
     No engine draws loose points of a mesh; the extension reads the glass from them. Three in a row
     are a triangle.
@@ -169,9 +164,9 @@ def _with_corners(b: TreeBuilder, shown, is_mesh, glass, opaque):
     normal = of_corner(kept.outputs["Normal"])
     b.link(normal, enabled(store.inputs, "Value"))
     parts = b.node("JoinGeometry")
-    for part in (store.outputs[0], shown, opaque):
+    for part in (store.outputs[0], left, opaque):
         b.link(part, parts.inputs[0])
-    return b.switch("GEOMETRY", is_mesh, shown, parts.outputs[0])
+    return b.switch("GEOMETRY", is_mesh, left, parts.outputs[0])
 
 
 def _triangulated(b: TreeBuilder, mesh):

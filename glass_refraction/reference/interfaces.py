@@ -82,12 +82,15 @@ class Shell:
     def __init__(self, glass: Glass, placed: optics.Placed) -> None:
         self.glass, self.placed = glass, placed
         if glass.is_mesh:
-            self.points, self.normals = glass.description.points, glass.description.normals
+            mesh = glass.description
+            self.points, self.normals, self._opaque = mesh.points, mesh.normals, mesh.opaque
         else:
             points, normals = _closed_form(glass)
             self.points = glass.points_to_world(points)
             self.normals = normals @ glass.to_world[:3, :3].T
-        self.box = np.array((self.points.min(axis=(0, 1)), self.points.max(axis=(0, 1))))
+            self._opaque = np.zeros((0, 3, 3))
+        corners = np.concatenate((self.points, self._opaque)).reshape(-1, 3)
+        self.box = np.array((corners.min(axis=0), corners.max(axis=0)))
 
     @cached_property
     def _scale(self) -> float:
@@ -110,8 +113,8 @@ class Shell:
 
     @cached_property
     def tree(self) -> BVHTree:
-        """Its triangles."""
-        points = self.local(self.points).reshape(-1, 3)
+        """Its triangles; of a mesh also those that are no glass: they bound what is in it too."""
+        points = self.local(np.concatenate((self.points, self._opaque))).reshape(-1, 3)
         faces = np.arange(len(points)).reshape(-1, 3)
         return BVHTree.FromPolygons(points.tolist(), faces.tolist(), all_triangles=True)
 

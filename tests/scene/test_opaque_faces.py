@@ -7,9 +7,11 @@ import pytest
 import scenes
 
 from glass_refraction.reference.cycles import render_reference, rendering_direct
+from glass_refraction.reference.interfaces import Shell
 from glass_refraction.reference.picture import finished
 from glass_refraction.scene import material_link
 from glass_refraction.scene import update as door
+from glass_refraction.scene.rays.stage import placed_glasses
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass
 from glass_refraction.scene.read.mesh_glasses import OPAQUE, triangles_of, unread
 from glass_refraction.scene.read.modifier_inputs import read_input, write_input
@@ -219,3 +221,16 @@ def test_the_live_view_has_a_label_among_its_things():
     write_input(glass_modifier(obj), OPAQUE, 0)
     model.read(bpy.context.view_layer, space, News(), True)
     assert model.boxes == []
+
+
+def test_what_is_behind_a_label_is_within_the_glass():
+    """The reference cuts overlapping glasses along each other: a label was a hole in its glass."""
+    scenes.camera()
+    obj = _glass(_labelled(location=(0.0, 0.0, 0.0)))
+    bpy.context.view_layer.update()
+    glass = read_glass(obj, scenes.depsgraph())
+    assert len(glass.description.opaque) > 10
+    (placed,) = placed_glasses([glass])
+    label = glass.description.opaque.mean(axis=1)
+    found = [Shell(glass, placed).medium_at(label * part) for part in (0.95, 1.02)]
+    assert found[0].all() and not found[1].any()

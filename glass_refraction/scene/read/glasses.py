@@ -20,6 +20,7 @@ from .mesh_glasses import (
     MeshGlass,
     interface_of,
     opaque_bits,
+    placed_opaque,
     placed_triangles,
     volume_absorption,
 )
@@ -393,10 +394,13 @@ def read_glass(
         to_world = np.array(evaluated.matrix_world, float)
     shape = read_input(modifier, "Shape")
     if shape == "Mesh":
-        mesh, opaque = evaluated.data, opaque_bits(modifier)
-        return _read_mesh(
-            evaluated, depsgraph, to_world, lambda: placed_triangles(mesh, to_world, opaque, known)
-        )
+        bits = opaque_bits(modifier)
+
+        def shape_of_mesh() -> tuple[np.ndarray, ...]:
+            triangles = placed_triangles(evaluated.data, to_world, bits, known)
+            return (*triangles, placed_opaque(evaluated, to_world, bits))
+
+        return _read_mesh(evaluated, depsgraph, to_world, shape_of_mesh)
     _check_place(to_world, obj.name)
     if shape != "Slab" and np.linalg.det(to_world[:3, :3]) < 0.0:
         # What is turned round an axis is its own mirror image.
@@ -452,21 +456,22 @@ def read_mesh_interface(
     RefractiveGlassError
     """
     nothing = np.zeros((0, 3, 3))
-    return _read_mesh(evaluated, depsgraph, to_world, lambda: (nothing, nothing))
+    return _read_mesh(evaluated, depsgraph, to_world, lambda: (nothing,) * 3)
 
 
 def _read_mesh(
     evaluated: bpy.types.Object,
     depsgraph: bpy.types.Depsgraph,
     to_world: np.ndarray,
-    triangles: Callable[[], tuple[np.ndarray, np.ndarray]],
+    shape: Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> Glass:
-    """A glass that is a mesh; ``triangles`` gives their points and normals."""
+    """A glass that is a mesh; ``shape`` gives its points, normals and opaque triangles."""
     name, modifier = evaluated.name, glass_modifier(evaluated)
     _check_place(to_world, name)
     try:
         interface = interface_of(evaluated, depsgraph, float(read_input(modifier, "IOR")))
-        description = MeshGlass(*triangles(), **vars(interface))
+        points, normals, opaque = shape()
+        description = MeshGlass(points, normals, opaque=opaque, **vars(interface))
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
         clear, inside = _absorption(modifier, description, scale)

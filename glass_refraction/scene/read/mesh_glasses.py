@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -46,6 +46,8 @@ class MeshGlass:
     roughness : of its surface, 0 to 1, as a Glass BSDF has it.
     refracted, reflected : parts of the light (red, green, blue) that get through the surface where
         they are refracted and reflected, beside Fresnel's law.
+    opaque : (K, 3, 3) corners of the triangles of the mesh that are no glass: with these it
+        encloses what is within.
     """
 
     points: np.ndarray
@@ -54,6 +56,7 @@ class MeshGlass:
     roughness: float = 0.0
     refracted: tuple[float, float, float] = CLEAR
     reflected: tuple[float, float, float] = CLEAR
+    opaque: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
     has_contents: ClassVar[bool] = False
 
@@ -71,7 +74,7 @@ class MeshGlass:
 
     def _parts(self) -> tuple:
         own = self.ior, self.roughness, self.refracted, self.reflected
-        return (*own, self.points, self.normals)
+        return (*own, self.points, self.normals, self.opaque)
 
     def recoloured(self, glass: Callable[[float], float], _contents) -> MeshGlass:
         """The same glass as light of another colour finds it, from its ior."""
@@ -159,6 +162,20 @@ def _is_opaque(mesh: bpy.types.Mesh, opaque: int) -> np.ndarray:
     """(T,) whether each of a mesh's triangles is of one of the opaque slots."""
     slots = np.minimum(triangle_slots(mesh), MOST_SLOTS)
     return (opaque >> slots & 1).astype(bool)
+
+
+def placed_opaque(obj: bpy.types.Object, to_world: np.ndarray, opaque: int) -> np.ndarray:
+    """(K, 3, 3) corners in the world of the triangles of an evaluated glass that are no glass.
+
+    They are known by their materials: what is left of a mesh may have these in other slots.
+    """
+    if not opaque:
+        return np.zeros((0, 3, 3))
+    mesh, known = obj.data, opaque_materials(obj, opaque)
+    is_opaque = [(None if m is None else m.original) in known for m in mesh.materials]
+    chosen = np.array([*is_opaque, False])[np.minimum(triangle_slots(mesh), len(is_opaque))]
+    points = positions(mesh).astype(float)[mesh_triangles(mesh)[chosen]]
+    return points @ to_world[:3, :3].T + to_world[:3, 3]
 
 
 def opaque_bits(modifier: bpy.types.NodesModifier | None) -> int:
