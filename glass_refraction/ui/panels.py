@@ -13,7 +13,14 @@ from ..scene import changes
 from ..scene import update as door
 from ..scene.names import own
 from ..scene.read.glasses import glass_modifier
-from ..scene.read.mesh_glasses import glassy_materials, interface_node, open_edges
+from ..scene.read.mesh_glasses import (
+    glassy_materials,
+    interface_node,
+    is_hidden,
+    opaque_bits,
+    opaque_materials,
+    open_edges,
+)
 from ..scene.read.modifier_inputs import has_input, read_input, value_place
 from ..scene.read.orientation import Orientation, orientation_of
 from . import bake, staying
@@ -207,10 +214,11 @@ def _draw_mesh(
     """Say that the mesh is the glass, and what of it is not closed."""
     draw_lines(layout, context, _iface("The object's own mesh is the glass"), "INFO")
     mesh = evaluated.data
-    if not len(mesh.polygons) and len(evaluated.modifiers) == 1:
-        # While a 3D view draws what is seen through it, the glass's modifier leaves edges only.
-        mesh = evaluated.original.data
-    if not len(mesh.polygons):
+    # While a 3D view draws what is seen through it, the glass's modifier leaves no face of glass.
+    hidden = is_hidden(mesh)
+    if hidden and len(evaluated.modifiers) == 1:
+        hidden, mesh = False, evaluated.original.data
+    if hidden:
         text = _iface("Switch Refracted Picture off to see here whether the mesh is a whole glass")
         draw_lines(layout, context, text, "INFO")
         return
@@ -252,6 +260,11 @@ def _draw_material(
     if len(materials) > 1:
         said = _iface('The first of its glassy materials counts for all of it: "{}"')
     draw_lines(layout, context, said.format(first.name), "MATERIAL")
+    opaque = opaque_materials(obj, opaque_bits(glass_modifier(obj)))
+    names = sorted(material.name for material in opaque if material is not None)
+    if names:
+        said = _iface('Faces of "{}" are no glass')
+        draw_lines(layout, context, said.format('", "'.join(names)), "MATERIAL")
     node = interface_node(first)
     column = layout.column(align=True)
     column.enabled = first.is_editable

@@ -67,6 +67,7 @@ _GERMAN = {
         "das Glas: seine Brechzahl und diese folgen einander",
         'The first of its glassy materials counts for all of it: "{}"': "Das erste seiner "
         'gläsernen Materialien gilt für alles: „{}"',
+        'Faces of "{}" are no glass': 'Flächen aus „{}" sind kein Glas',
         "The modifier is off in renders: switch it on to see through the glass": "Der Modifikator "
         "ist beim Rendern aus: einschalten, um durch das Glas zu sehen",
         "Status": "Status",

@@ -176,3 +176,23 @@ def test_a_mesh_whose_faces_a_view_hides_is_checked_unless_modifiers_change_it()
     obj.modifiers.new("Bevel", "BEVEL")
     said = " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
     assert wrong not in said and unchecked in said
+
+
+def test_what_is_opaque_of_a_hidden_mesh_is_named_and_taken_for_no_open_glass():
+    """A label that a view shows without its glass was checked as though it were all."""
+    bpy.ops.mesh.primitive_cube_add()
+    obj = bpy.context.object
+    for name, kind in (("Clear", "ShaderNodeBsdfGlass"), ("Paper", "ShaderNodeBsdfDiffuse")):
+        material = bpy.data.materials.new(name)
+        tree = material.node_tree
+        shader = tree.nodes.new(kind)
+        tree.links.new(shader.outputs[0], tree.get_output_node("ALL").inputs["Surface"])
+        obj.data.materials.append(material)
+    obj.data.polygons[0].material_index = 1
+    bpy.ops.object.refractive_glass_modifier_add()
+    bpy.context.view_layer.update()
+    write_input(glass_modifier(obj), "Edges in Viewport", True)
+    bpy.context.view_layer.update()
+    said = " ".join(labels_of(panels.OBJECT_PT_refractive_glass))
+    assert 'Faces of "Paper" are no glass' in said
+    assert "Open" not in said and "Normals disagree" not in said

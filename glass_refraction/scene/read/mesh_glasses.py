@@ -141,9 +141,8 @@ def triangles_of(mesh: bpy.types.Mesh, opaque: int = 0) -> tuple[np.ndarray, np.
         No faces, or coordinates that are no numbers.
     """
     points = positions(mesh).astype(float)
-    left = mesh.attributes.get(CORNER_NORMAL)
-    if left is not None:
-        normals = read_attribute(left).astype(float)
+    if is_hidden(mesh):
+        normals = read_attribute(mesh.attributes[CORNER_NORMAL]).astype(float)
         # What casts the shadow and what is opaque have no such normals.
         own_points = normals.any(axis=1)
         points, normals = points[own_points], normals[own_points]
@@ -156,6 +155,11 @@ def triangles_of(mesh: bpy.types.Mesh, opaque: int = 0) -> tuple[np.ndarray, np.
     if not np.isfinite(points).all():
         raise ValueError("its mesh has a point that is no number: delete or move it")
     return points.reshape(-1, 3, 3), normals.reshape(-1, 3, 3)
+
+
+def is_hidden(mesh: bpy.types.Mesh) -> bool:
+    """Whether a glass's modifier left its glass's corners of an evaluated mesh, and no face."""
+    return CORNER_NORMAL in mesh.attributes
 
 
 def _is_opaque(mesh: bpy.types.Mesh, opaque: int) -> np.ndarray:
