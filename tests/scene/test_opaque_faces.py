@@ -161,6 +161,21 @@ def test_a_label_that_is_linked_to_the_object_is_told():
     assert line in door.status(scene).problems
 
 
+def test_faces_of_another_glass_are_told():
+    obj = _glass(_labelled())
+    water = _material("BsdfGlass", (1.0, 1.0, 1.0), IOR=1.33)
+    obj.material_slots[1].material = water
+    (line,) = unread(obj, 0)
+    assert obj.material_slots[0].material.name in line and "P > By Material" in line
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.separate(type="MATERIAL")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    found = [read_glass(o, scenes.depsgraph()) for o in bpy.data.objects if o.type == "MESH"]
+    assert sorted(g.description.ior for g in found) == pytest.approx([1.33, 1.5])
+    assert not any(unread(o, 0) for o in bpy.data.objects if o.type == "MESH")
+
+
 def test_instances_have_their_labels(tmp_path):
     scenes.camera()
     scenes.striped_wall()

@@ -259,8 +259,14 @@ def unread(obj: bpy.types.Object, opaque: int) -> list[str]:
     index = np.empty(len(obj.data.polygons), np.int32)
     obj.data.polygons.foreach_get("material_index", index)
     shown = [slot.material for n, slot in enumerate(obj.material_slots) if (index == n).any()]
-    known = {None, *materials, *opaque_materials(obj, opaque)}
-    left = [m.name for m in dict.fromkeys(shown) if m not in known]
+    used = [m for m in dict.fromkeys(shown) if m is not None]
+    if any(m in materials[1:] for m in used):
+        found.append(
+            f'Glass "{obj.name}" is all of its first glassy material, "{materials[0].name}": '
+            "separate the faces of others (Edit Mode, P > By Material), which then are glasses too"
+        )
+    known = {*materials, *opaque_materials(obj, opaque)}
+    left = [m.name for m in used if m not in known]
     if left:
         found.append(
             f'Glass "{obj.name}" is glass on its faces of "{", ".join(left)}" too: link these '
