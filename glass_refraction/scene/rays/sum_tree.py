@@ -16,6 +16,8 @@ from .samples import EARLY, LEVELS, Packed
 
 SHARPENINGS = 3
 """Steps that undo a spline's blur: of lines, be they fine or coarse, 1 % of it is left."""
+TENT_PX = 4.0 / 3.0
+"""Reach of the tent whose weights at a pixel and those beside it are those of a B-spline, 4 : 1."""
 LEAST_LIGHT = 1e-12
 """Keeps a quotient finite."""
 LEAST_LEFT = 1.0 / 3.0
@@ -35,17 +37,6 @@ def sharpening_factors() -> np.ndarray:
     zeros = np.cos((np.arange(count) + 0.5) * np.pi / count)
     half = (1.0 - LEAST_LEFT) / (1.0 + zeros[0])
     return 1.0 / (LEAST_LEFT + half * (1.0 + zeros[1:]))
-
-
-def pixel_places(size: tuple[int, int], white: float) -> np.ndarray:
-    """The pixels' own places in a picture of a size, and in alpha how bright what is shown as
-    white is: (height, width, 4)."""
-    out = np.ones((size[1], size[0], 4), np.float32)
-    out[..., 3] = white
-    for axis, count in enumerate(size):
-        places = (np.arange(count) + 0.5) / count
-        out[..., axis] = places if axis == 0 else places[:, None]
-    return out
 
 
 @dataclass(frozen=True)
@@ -203,19 +194,29 @@ class _ViewTree(_Lookups):
 
         Splines swing beside an edge, by a tenth of it: beside a lamp that is darker than black.
         """
-        places, white = (self._picture("pixels", output=part) for part in ("Image", "Alpha"))
-        shown = self._vector("MINIMUM", image, white)
+        shown = self._vector("MINIMUM", image, self._picture("white"))
         glare = self._at(self._vector("SUBTRACT", image, shown), where, "Bilinear")
-        sharp = self._at(self._sharpened(shown, places), where, "Bicubic")
+        sharp = self._at(self._sharpened(shown), where, "Bicubic")
         return self._vector("ADD", sharp, glare)
 
-    def _sharpened(self, image, places):
+    def _sharpened(self, image):
         """A view such that a B-spline of it goes through its pixels, see `sharpening_factors`."""
         sharp = image
         for factor in sharpening_factors():
-            lacking = self._vector("SUBTRACT", image, self._at(sharp, places, "Bicubic"))
+            lacking = self._vector("SUBTRACT", image, self._blurred(sharp))
             sharp = self._vector("ADD", sharp, self._scaled(lacking, factor))
         return sharp
+
+    def _blurred(self, image):
+        """What a B-spline of a view finds at its pixels' centres, the border continued.
+
+        Looked up there it would take three times as long.
+        """
+        node = self._node("CompositorNodeBlur")
+        for name, value in (("Type", "Tent"), ("Size", (TENT_PX, TENT_PX)), ("Separable", True)):
+            node.inputs[name].default_value = value
+        self._link(image, node.inputs["Image"])
+        return node.outputs["Image"]
 
 
 class SumTree(_Lookups):

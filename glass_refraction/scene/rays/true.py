@@ -64,7 +64,7 @@ from .samples import EARLY, LEVELS
 from .shutter import Moment, Shutter
 from .sky import sky_of
 from .stage import FrameInput
-from .sum_tree import SHARPENINGS, Pictures, SumTree, pixel_places
+from .sum_tree import SHARPENINGS, TENT_PX, Pictures, SumTree
 from .things import Things, read_things
 from .views import RadianceView
 
@@ -159,7 +159,8 @@ def prepare(scene: bpy.types.Scene) -> None:
 def _structure(scene: bpy.types.Scene) -> str:
     """What the scene's settings ask of its compositor tree."""
     light = " light" if has_light(scene) else ""
-    return f"sum {ROOM} {EARLY} {LEVELS} {SHARPENINGS} {scene.render.film_transparent}{light}"
+    sums = f"sum {ROOM} {EARLY} {LEVELS} {SHARPENINGS} {TENT_PX:.3f}"
+    return f"{sums} {scene.render.film_transparent}{light}"
 
 
 def _stands(scene: bpy.types.Scene) -> bool:
@@ -730,7 +731,7 @@ def _write_pictures(pictures: Pictures, result: FrameResult, white: float) -> No
         pictures.write(getattr(result, name), name)
     pictures.write(result.known_alpha, "known alpha")
     height, width = result.spread.shape[:2]
-    pictures.write(pixel_places((width, height), white), "pixels")
+    pictures.write(np.full((height, width, 4), white, np.float32), "white")
 
 
 def _hang(view: bpy.types.Scene, role: str, mesh: tuple[np.ndarray, np.ndarray]) -> None:

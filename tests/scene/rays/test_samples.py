@@ -19,7 +19,6 @@ from glass_refraction.scene.rays.samples import (
 from glass_refraction.scene.rays.sum_tree import (
     Pictures,
     SumTree,
-    pixel_places,
     sharpening_factors,
 )
 from glass_refraction.scene.read.viewpoint import render_size
@@ -175,7 +174,8 @@ def _composited(scene, tmp_path, fill, alpha=False, white=1.0):
     outer.links.new(group.outputs["Image"], end.inputs["Image"])
     scene.compositing_node_group = outer
     pictures = Pictures(scene)
-    pictures.write(pixel_places(render_size(scene), white), "pixels")
+    width, height = render_size(scene)
+    pictures.write(np.full((height, width, 4), white, np.float32), "white")
     fill(pictures)
     return scenes.picture(scene, tmp_path)
 
@@ -231,7 +231,7 @@ def test_a_view_looked_up_at_its_own_pixels_is_itself(tmp_path, white):
         material.diffuse_color = (0.2 + 0.3 * number, 0.5, 0.9 - 0.4 * number, 1.0)
     pixel = np.arange(32 * 24)
     everywhere = PackedPixels(pixel)
-    own_places = pixel_places((32, 24), white).reshape(-1, 4)[:, :2]
+    own_places = (np.stack((pixel % 32, pixel // 32), axis=1) + 0.5) / (32, 24)
 
     def fill(pictures):
         packed = pack(everywhere, pixel, own_places, np.ones((768, 3)), np.full(768, NO_LIMIT))
