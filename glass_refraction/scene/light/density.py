@@ -209,11 +209,11 @@ def _seen_spots(landed: Landed, seen: Seen, sigma_px: float) -> tuple[_Spots, Su
     parts, planes = [], []
     for first in range(0, max(1, len(landed)), BLOCK):
         check()
-        some = np.arange(first, min(first + BLOCK, len(landed)))
-        surfaces = Surfaces.of(seen.view, landed.point[some], landed.normal[some])
+        block = slice(first, first + BLOCK)
+        surfaces = Surfaces.of(seen.view, landed.point[block], landed.normal[block])
         planes.append(surfaces)
         shown = np.flatnonzero(surfaces.sine > GRAZING)
-        spots = _spots(landed, some[shown], middle, surfaces.take(shown), seen.view, sigma_px)
+        spots = _spots(landed, first + shown, middle, surfaces.take(shown), seen.view, sigma_px)
         spots = spots.take(_inside(spots, seen))
         rows = _in_rows(spots, landed.strength[spots.source])
         parts.append(_in_cells(rows.take(_inside(rows, seen))))
@@ -225,13 +225,15 @@ def _seen_spots(landed: Landed, seen: Seen, sigma_px: float) -> tuple[_Spots, Su
 def _spots(landed, some, middle, surfaces: Surfaces, view: RadianceView, sigma_px: float) -> _Spots:
     """Some of the landed light, by numbers (K,), as a view shows it on its surfaces."""
     (ax, ay), (bx, by) = (
-        surfaces.across(view.turned(bell[some])) for bell in (landed.major, landed.minor)
+        surfaces.across(view.turned(bell.take(some, axis=0)))
+        for bell in (landed.major, landed.minor)
     )
     square = sigma_px**2
     # In powers of 2: what lies side by side is measured alike.
     step = np.exp2(np.floor(-0.5 * np.log2(surfaces.area)))
-    normal = landed.normal[some]
-    above = np.rint(np.einsum("nk,nk->n", landed.point[some] - middle, normal) / step)
+    normal = landed.normal.take(some, axis=0)
+    above = landed.point.take(some, axis=0) - middle
+    above = np.rint(np.einsum("nk,nk->n", above, normal) / step)
     return _Spots(
         some,
         _hash(*np.rint(NORMAL_STEPS * normal).T, above, step.view(np.int64)),
@@ -241,7 +243,7 @@ def _spots(landed, some, middle, surfaces: Surfaces, view: RadianceView, sigma_p
         ax * ax + bx * bx + square,
         ax * ay + bx * by,
         ay * ay + by * by + square,
-        landed.flux[some] * surfaces.area[:, None],
+        landed.flux.take(some, axis=0) * surfaces.area[:, None],
     )
 
 

@@ -112,12 +112,12 @@ class Grids:
     def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World origins and unit directions (N, 3) of the rays through places (N, 2)."""
         number, x, y = self.places(*pixels.T)
-        matrix = np.array([view.ray_matrix() for view in self.views])[number]
+        matrix = np.array([view.ray_matrix() for view in self.views]).take(number, axis=0)
         found = matrix[..., 3] + x[:, None] * matrix[..., 0] + y[:, None] * matrix[..., 1]
         if self.views[0].is_parallel:
-            return found, np.array([view.forward for view in self.views])[number]
+            return found, np.array([view.forward for view in self.views]).take(number, axis=0)
         found /= np.sqrt(np.einsum("nk,nk->n", found, found))[:, None]
-        return np.array([view.eye for view in self.views])[number], found
+        return np.array([view.eye for view in self.views]).take(number, axis=0), found
 
     def cells(self) -> np.ndarray:
         """(E, 2, 3): the sides of each grid's pixels, among the glasses, metres."""
@@ -201,13 +201,13 @@ def follow_light(
     share = np.linalg.norm(np.cross(cells[:, 0], cells[:, 1]), axis=1)[number]
     if not grids.views[0].is_parallel:
         # Steradians of a pixel: farther aside it is smaller.
-        ahead = np.array([view.forward for view in grids.views])[number]
+        ahead = np.array([view.forward for view in grids.views]).take(number, axis=0)
         share *= np.einsum("nk,nk->n", directions, ahead) ** 3 / grids.depth[number] ** 2
     share *= emitter.sent(directions) / grids.side**2
     ways = rays.ways
     flux = share[ways.ray]
     number = number[ways.ray]
-    shift = grids.shifts[number % grids.side**2]
+    shift = grids.shifts.take(number % grids.side**2, axis=0)
     cells = cells.transpose(1, 2, 0)
     # Grids that are shifted against each other fill each other's gaps.
     narrow = 1.0 if grids.side == 1 else BETWEEN
@@ -226,7 +226,7 @@ def follow_light(
         )
         strength = np.abs(ways.weight[some]) * area * (CELL * softness) ** 2
         strength /= np.maximum(spread, LEAST_LENGTH)
-        colour = flux[some] * ways.colour[some].T
+        colour = flux[some] * ways.colour.take(some, axis=0).T
         parts.append(Landed(*(a.T for a in (ground.point, ground.normal, colour, *bell)), strength))
     return joined(Landed, parts)
 
@@ -234,15 +234,16 @@ def follow_light(
 def _with_straight(rays: PictureRays, origins, directions, caster: Past) -> PictureRays:
     """The rays with one more way each that meets a glass: straight on, and its light taken out."""
     ray = np.unique(rays.ways.ray)
-    distance, triangle = caster.cast(origins[ray], directions[ray])
+    origins, directions = origins.take(ray, axis=0), directions.take(ray, axis=0)
+    distance, triangle = caster.cast(origins, directions)
     none = np.zeros(len(ray), np.int16)
     straight = Ways(
         ray.astype(np.int32),
         np.full(len(ray), STRAIGHT, np.int64),
         -np.ones(len(ray)),
         -np.ones((len(ray), 3)),
-        origins[ray],
-        directions[ray],
+        origins,
+        directions,
         distance,
         triangle.astype(np.int32),
         none,
@@ -265,7 +266,7 @@ class _Ground:
     def __init__(self, ways: Ways, origin, direction, on, scene: Scene, shift, most: float) -> None:
         self._origin, self._direction = origin, direction
         self._on, self._shift, self._most = on, shift, most
-        hits = scene.hits(ways.take(on))
+        hits = scene.hits(ways, on)
         self.point = np.ascontiguousarray(hits.point.T)
         self.normal = np.ascontiguousarray(-hits.normal.T * hits.side)
 
@@ -309,7 +310,7 @@ class _Ground:
             way = above / np.where(meets, -along, 1.0)
             apart = origin + way * direction - self.point
             if cells is not None:
-                shift = self._shift[partner] - self._shift[self._on]
+                shift = self._shift.take(partner, axis=0) - self._shift.take(self._on, axis=0)
                 for move, part in zip(cells, shift.T, strict=True):
                     apart -= part * move
             total += np.where(meets, sign, 0.0) * apart

@@ -434,10 +434,10 @@ def neighbours(rays: PictureRays, size: tuple[int, int]) -> Neighbours:
 def spacing(ways: Ways, beside: Neighbours, rows: np.ndarray) -> np.ndarray:
     """(n,) metres from the hits of some ways, by their numbers (n,), to the nearest of the same
     ways in neighbouring pixels."""
-    found, points = np.full(len(rows), np.inf), ways.take(rows).point
+    found, points = np.full(len(rows), np.inf), ways.points(rows)
     for partner in (*beside.ahead, *beside.behind):
         there = np.flatnonzero(partner[rows] >= 0)
-        apart = points[there] - ways.take(partner[rows[there]]).point
+        apart = points.take(there, axis=0) - ways.points(partner[rows[there]])
         found[there] = np.minimum(found[there], np.linalg.norm(apart, axis=1))
     return found
 
@@ -538,6 +538,7 @@ def between(
     """
     found = places.take(rows, axis=0)
     moved = np.flatnonzero((offset[:, 0] != 0.0) | (offset[:, 1] != 0.0))
+    away = found.take(moved, axis=0)
     begins = np.diff(rows[moved], prepend=-1) != 0
     way, run = rows[moved[begins]], np.cumsum(begins) - 1
     here = places.take(way, axis=0)
@@ -549,7 +550,8 @@ def between(
         both = ((ahead >= 0) & (behind >= 0))[:, None]
         slope, bend = np.where(both, 0.5, 1.0) * (up + down), np.where(both, 0.5, 0.0) * (up - down)
         t = offset[moved, axis, None]
-        found[moved] += t * (slope.take(run, axis=0) + t * bend.take(run, axis=0))
-    low, high = np.array(region[:2]) + 0.5, np.array(region[2:]) - 0.5
-    found[moved] = np.clip(found[moved], low, high)
+        away += t * (slope.take(run, axis=0) + t * bend.take(run, axis=0))
+    for place, low, high in zip(away.T, region[:2], region[2:], strict=True):
+        np.clip(place, low + 0.5, high - 0.5, out=place)
+    found[moved] = away
     return found

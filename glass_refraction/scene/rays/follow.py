@@ -439,7 +439,7 @@ class Follower:
         seen = met.copy()
         rays = np.flatnonzero(met)
         if len(rays):
-            origins, directions = (part[rays] for part in self._rays(pixels, places))
+            origins, directions = (part.take(rays, axis=0) for part in self._rays(pixels, places))
             directions = _unit(directions)
             entry, _ = self._within(origins, directions)
             distance, _ = self._met_first(origins, directions, entry)
@@ -521,9 +521,9 @@ class Follower:
         """Let some ways end at the things that they meet, if that is not known yet."""
         rows = rows[np.isnan(ways.distance[rows])]
         if len(rows):
-            direction = ways.direction[rows]
+            direction = ways.direction.take(rows, axis=0)
             # From a little before: what touches the glass there is seen through a film of air.
-            begin = ways.origin[rows] - self._skin * direction
+            begin = ways.origin.take(rows, axis=0) - self._skin * direction
             distance, triangle = self._beyond.cast(begin, direction)
             ways.distance[rows] = np.maximum(distance - self._skin, 0.0)
             ways.triangle[rows] = triangle

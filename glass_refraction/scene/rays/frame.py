@@ -418,8 +418,9 @@ def _summed(frame: FrameInput, stage: Stage, placed: Placed, rays: Rays) -> Fram
     lookups.at = lookups.at[:0].copy()
     known, radiance = np.concatenate((known, lacking)), np.concatenate((lookups.light, guessed))
     order = np.argsort(known, kind="stable")
-    known, radiance = known[order], radiance[order]
-    colour = radiance * lookups.colour[known] * lookups.share[known, None]
+    known = known[order]
+    colour = radiance.take(order, axis=0) * lookups.colour.take(known, axis=0)
+    colour *= lookups.share[known, None]
     is_known = view_number[known] == KNOWN
     is_lamp = is_known & (lookups.triangle[known] >= 0)
     opaque = is_known & ~lookups.clear[known]
@@ -438,16 +439,18 @@ def _summed(frame: FrameInput, stage: Stage, placed: Placed, rays: Rays) -> Fram
         some = np.flatnonzero(view_number == number)
         order = some[np.argsort(pixel[some], kind="stable")]
         order = order[strongest(pixel[order], weight[order])]
-        uv = view.uv(lookups.place[order]) if len(order) else np.zeros((0, 2))
-        tinted = lookups.colour[order] * lookups.share[order, None]
+        uv = view.uv(lookups.place.take(order, axis=0)) if len(order) else np.zeros((0, 2))
+        tinted = lookups.colour.take(order, axis=0) * lookups.share[order, None]
         most = frame.exposure * lookups.most[order]
         part = pack(packed, pixel[order], uv, tinted, most)
         parts.append(part)
         weights.append(weight[order].astype(np.float32))
         count, hidden = 1, NO_CURTAIN
         if view is not None and number:
-            if frame.shutter is None:
-                hidden = curtain(view, looked_up(view, lookups.place[some]))
+            # In Cycles it saves the pixels' samples. In EEVEE it would stand in the way of what is
+            # traced on the screen.
+            if frame.shutter is None and frame.engine == "CYCLES":
+                hidden = curtain(view, looked_up(view, lookups.place.take(some, axis=0)))
             lit = order
             if frame.shutter is not None and number == placed.twin:
                 # Until more moments are known the direct picture shows what it will.

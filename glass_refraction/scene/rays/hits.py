@@ -111,6 +111,11 @@ class Ways(Columns):
         far = np.where(self.is_sky, 0.0, self.distance)
         return self.origin + self.direction * far[:, None]
 
+    def points(self, rows: np.ndarray) -> np.ndarray:
+        """The same (n, 3) of some of them, by their numbers."""
+        far = np.where(self.triangle[rows] < 0, 0.0, self.distance[rows])
+        return self.origin.take(rows, axis=0) + self.direction.take(rows, axis=0) * far[:, None]
+
 
 @dataclass(frozen=True, eq=False)
 class Shown(Columns):
@@ -253,14 +258,15 @@ class Scene:
         side = np.where(facing > 0.0, np.int8(-1), np.int8(1))
         return np.where(ways.is_sky, np.int8(0), side)
 
-    def hits(self, ways: Ways) -> Hits:
-        """The hits of ways."""
-        normal = self.normals.take(ways.triangle, axis=0)
-        surface = self.things.surfaces(ways.triangle)
+    def hits(self, ways: Ways, rows: np.ndarray) -> Hits:
+        """The hits of some ways, by their numbers."""
+        triangle, direction = ways.triangle[rows], ways.direction.take(rows, axis=0)
+        normal = self.normals.take(triangle, axis=0)
+        surface = self.things.surfaces(triangle)
         marks = self._is_glossy, self._is_uncaptured, self._is_captured
-        facing = np.einsum("nk,nk->n", ways.direction, normal)
+        facing = np.einsum("nk,nk->n", direction, normal)
         side, sine = np.sign(facing), np.abs(facing)
-        known = ways.point, ways.direction, ways.triangle, normal, side, sine
+        known = ways.points(rows), direction, triangle, normal, side, sine
         return Hits(*known, *(mark.take(surface) for mark in marks))
 
     def worth(self, view: RadianceView, hits: Hits, direct: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -315,7 +321,7 @@ class Scene:
         triangle = hits.triangle[some]
         if view.sky_only:
             return triangle < 0
-        length = np.where(triangle < 0, np.inf, view.lengths(hits.point[some]))
+        length = np.where(triangle < 0, np.inf, view.lengths(hits.point.take(some, axis=0)))
         found, hidden = self.sketch(view).shows(pixels, triangle, length)
         left = np.flatnonzero(~(found | hidden))
         found[left] = self.sees(view, hits.take(some[left]))
@@ -336,6 +342,8 @@ class Scene:
 
 def show(scene: Scene, views: Views, ways: Ways) -> Shown:
     """For each way the view that shows its hit best; the first view is the direct picture."""
+    if len(ways) <= TOGETHER:
+        return _show(scene, views, ways)
     return joined(Shown, (_show(scene, views, ways.take(b)) for b in blocks_of(len(ways))))
 
 
@@ -354,7 +362,7 @@ def _show(scene: Scene, views: Views, ways: Ways) -> Shown:
     chosen[known] = KNOWN
     rows = np.flatnonzero(~known)
     numbered = {number: view for number, view in enumerate(views) if view is not None}
-    hits = scene.hits(ways.take(rows))
+    hits = scene.hits(ways, rows)
     # All views are compared where much light comes along a way, and where what a surface shows
     # depends on where it is seen from. Else the direct picture shows what it can.
     captures = {number: view for number, view in numbered.items() if number}
@@ -385,7 +393,7 @@ def _choose(scene: Scene, views: dict[int, RadianceView], hits: Hits, rows, chos
             here = left[best == place]
             if not len(here):
                 continue
-            at = judged[place][1][here]
+            at = judged[place][1].take(here, axis=0)
             seen = scene.shows(views[number], hits, here, at)
             found, hidden = here[seen], here[~seen]
             chosen[rows[found]] = number
@@ -430,7 +438,7 @@ def place_captures(
     """
     known = scene.is_known(ways)
     total = ways.weight.sum()
-    hits = scene.hits(ways)
+    hits = scene.hits(ways, np.arange(len(ways)))
     # Captures of less worth are not placed for what they would show more finely.
     fine = spacing * (CAPTURE_WORTH / scene.capture_worth)
     shown = _seen(scene, direct, hits, _quality(scene, direct, hits, fine))

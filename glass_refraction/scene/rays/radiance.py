@@ -130,11 +130,18 @@ class Lookups(Columns):
             shown.view,
             shown.pixels,
             ways.triangle,
-            np.where(ways.is_sky[:, None], ways.direction, ways.point),
+            _where(ways),
             scene.side(ways),
             scene.is_clear(ways),
             clamp.limited(light, known),
         )
+
+
+def _where(ways: Ways) -> np.ndarray:
+    """(K, 3) where ways end; of those in the sky the direction."""
+    found, sky = ways.point, np.flatnonzero(ways.is_sky)
+    found[sky] = ways.direction.take(sky, axis=0)
+    return found
 
 
 def stand_ins(scene: Scene, lookups: Lookups) -> tuple[np.ndarray, np.ndarray]:

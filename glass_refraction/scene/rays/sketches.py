@@ -73,8 +73,9 @@ class Sketch:
             distance, triangle = self._caster.cast(origins, directions)
             met = triangle >= 0
             sine = np.ones(len(row))
-            normal = self._normals[triangle[met]]
-            sine[met] = np.abs(np.einsum("nk,nk->n", directions[met], normal))
+            rows = np.flatnonzero(met)
+            normal = self._normals.take(triangle[rows], axis=0)
+            sine[rows] = np.abs(np.einsum("nk,nk->n", directions.take(rows, axis=0), normal))
             # Metres a pixel, there.
             pixel = (1.0 if view.is_parallel else np.where(met, distance, 0.0)) / view.focal_px
             self.triangle[row, column], self.far[row, column] = triangle, distance

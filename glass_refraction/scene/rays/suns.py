@@ -173,8 +173,9 @@ def _slope(
     """Differences (n, 3) of values (K, 3) from one pixel to the next, 0 where there is no next, and
     where (n,) that is. Over an edge of the glass, where they jump, those on this side of it."""
     ahead, behind = beside.ahead[axis][some], beside.behind[axis][some]
-    up = values[np.where(ahead >= 0, ahead, some)] - values[some]
-    down = values[some] - values[np.where(behind >= 0, behind, some)]
+    here = values.take(some, axis=0)
+    up = values.take(np.where(ahead >= 0, ahead, some), axis=0) - here
+    down = here - values.take(np.where(behind >= 0, behind, some), axis=0)
     long_up, long_down = squares(up), squares(down)
     takes_up = (ahead >= 0) & ((behind < 0) | (long_up <= JUMP**2 * long_down))
     takes_down = (behind >= 0) & ((ahead < 0) | (long_down <= JUMP**2 * long_up))

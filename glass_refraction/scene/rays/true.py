@@ -709,9 +709,7 @@ def _write(
         if camera is not None:
             _aim_camera(view.camera, camera, far)
             write_setting(*samples_setting(view), samples)
-            # In Cycles it saves the pixels' samples. In EEVEE it would stand in the way of what is
-            # traced on the screen.
-            _hang(view, CURTAIN, curtain if view.render.engine == "CYCLES" else NO_CURTAIN)
+            _hang(view, CURTAIN, curtain)
             if own(view, SKY):
                 _hang(view, PANE, PANE_MESH if through_panes else NO_CURTAIN)
             else:
