@@ -209,11 +209,11 @@ def _seen_spots(landed: Landed, seen: Seen, sigma_px: float) -> tuple[_Spots, Su
     parts, planes = [], []
     for first in range(0, max(1, len(landed)), BLOCK):
         check()
-        block = slice(first, first + BLOCK)
-        surfaces = Surfaces.of(seen.view, landed.point[block], landed.normal[block])
+        some = np.arange(first, min(first + BLOCK, len(landed)))
+        surfaces = Surfaces.of(seen.view, landed.point[some], landed.normal[some])
         planes.append(surfaces)
         shown = np.flatnonzero(surfaces.sine > GRAZING)
-        spots = _spots(landed, first + shown, middle, surfaces.take(shown), seen.view, sigma_px)
+        spots = _spots(landed, some[shown], middle, surfaces.take(shown), seen.view, sigma_px)
         spots = spots.take(_inside(spots, seen))
         rows = _in_rows(spots, landed.strength[spots.source])
         parts.append(_in_cells(rows.take(_inside(rows, seen))))
@@ -225,15 +225,13 @@ def _seen_spots(landed: Landed, seen: Seen, sigma_px: float) -> tuple[_Spots, Su
 def _spots(landed, some, middle, surfaces: Surfaces, view: RadianceView, sigma_px: float) -> _Spots:
     """Some of the landed light, by numbers (K,), as a view shows it on its surfaces."""
     (ax, ay), (bx, by) = (
-        surfaces.across(view.turned(bell.take(some, axis=0)))
-        for bell in (landed.major, landed.minor)
+        surfaces.across(view.turned(bell[some])) for bell in (landed.major, landed.minor)
     )
     square = sigma_px**2
     # In powers of 2: what lies side by side is measured alike.
     step = np.exp2(np.floor(-0.5 * np.log2(surfaces.area)))
-    normal = landed.normal.take(some, axis=0)
-    above = landed.point.take(some, axis=0) - middle
-    above = np.rint(np.einsum("nk,nk->n", above, normal) / step)
+    normal = landed.normal[some]
+    above = np.rint(np.einsum("nk,nk->n", landed.point[some] - middle, normal) / step)
     return _Spots(
         some,
         _hash(*np.rint(NORMAL_STEPS * normal).T, above, step.view(np.int64)),
@@ -243,7 +241,7 @@ def _spots(landed, some, middle, surfaces: Surfaces, view: RadianceView, sigma_p
         ax * ax + bx * bx + square,
         ax * ay + bx * by,
         ay * ay + by * by + square,
-        landed.flux.take(some, axis=0) * surfaces.area[:, None],
+        landed.flux[some] * surfaces.area[:, None],
     )
 
 
@@ -442,19 +440,21 @@ def _finer(coarse: np.ndarray, seen: Seen, side: int) -> np.ndarray:
     side : from one of these to the next, pixels of the picture.
     """
     nearness = np.pad(seen.nearness[::2, ::2], (0, 1), constant_values=BESIDE)
-    values = np.pad(coarse, ((0, 1), (0, 1), (0, 0)), mode="edge")
-    found = np.empty((*seen.nearness.shape, 3))
+    # Channels come first: NumPy is slow on short rows.
+    values = np.pad(np.moveaxis(coarse, -1, 0), ((0, 0), (0, 1), (0, 1)), mode="edge")
+    found = np.empty((3, *seen.nearness.shape))
     for odd in np.ndindex(2, 2):
         some = np.s_[odd[0] :: 2, odd[1] :: 2]
         place, rise, width = seen.nearness[some], seen.rise[some], seen.width[some]
-        rows, columns = place.shape
-        out, shares = np.zeros((rows, columns, 3)), np.zeros((rows, columns, 1))
+        height, across = place.shape
+        out, shares = np.zeros((3, *place.shape)), np.zeros(place.shape)
         for down, right in np.ndindex(1 + odd[0], 1 + odd[1]):
-            part = np.s_[down : down + rows, right : right + columns]
+            part = np.s_[down : down + height, right : right + across]
             x, y = side * (2 * right - odd[1]), side * (2 * down - odd[0])
             above = nearness[part] - place - x * rise[..., 0] - y * rise[..., 1]
-            share = (np.abs(above) <= ALIKE * np.hypot(x, y) * width)[..., None]
-            out += share * values[part]
+            share = np.abs(above) <= ALIKE * np.hypot(x, y) * width
+            out += share * values[:, *part]
             shares += share
-        found[some] = np.where(shares > 0.0, out / np.maximum(shares, 1.0), values[:rows, :columns])
-    return found
+        nearest = values[:, :height, :across]
+        found[:, *some] = np.where(shares > 0.0, out / np.maximum(shares, 1.0), nearest)
+    return np.moveaxis(found, 0, -1)

@@ -439,7 +439,9 @@ class Follower:
         seen = met.copy()
         rays = np.flatnonzero(met)
         if len(rays):
-            origins, directions = (part.take(rays, axis=0) for part in self._rays(pixels, places))
+            # They come column by column.
+            begin = self._rays(pixels, places)
+            origins, directions = (part.T.take(rays, axis=1).T for part in begin)
             directions = _unit(directions)
             entry, _ = self._within(origins, directions)
             distance, _ = self._met_first(origins, directions, entry)

@@ -75,7 +75,7 @@ class Sketch:
             sine = np.ones(len(row))
             rows = np.flatnonzero(met)
             normal = self._normals.take(triangle[rows], axis=0)
-            sine[rows] = np.abs(np.einsum("nk,nk->n", directions.take(rows, axis=0), normal))
+            sine[rows] = np.abs(np.einsum("nk,nk->n", directions[rows], normal))
             # Metres a pixel, there.
             pixel = (1.0 if view.is_parallel else np.where(met, distance, 0.0)) / view.focal_px
             self.triangle[row, column], self.far[row, column] = triangle, distance
