@@ -18,8 +18,9 @@ from ..optics.facets import placed
 
 LEAF = 2
 """Triangles of a leaf, at most."""
-NODE_TEXELS = 3
-"""Four floats each: the lower and upper corners of both children's boxes."""
+NODE_TEXELS = 2
+"""Four floats each: the box of a child, see `_packed`. There is no node 0; in its place is the grid
+of the boxes: its origin, and steps for a unit along each axis."""
 TRIANGLE_TEXELS = 6
 """Of a triangle: a corner and the edges from it to the others; the normals of the corners."""
 ROW_BITS = 12
@@ -28,6 +29,8 @@ MOST_TRIANGLES = 300_000
 """Of one glass: more of them take too long to be sorted between two events."""
 MARGIN = 2e-6
 """By how much boxes are wider than what they hold, in units of the glass: rounding."""
+BITS = 16
+"""Of a number of a box in the tree's grid."""
 
 
 class Tree:
@@ -63,13 +66,30 @@ class Tree:
         triangles[slot, 3:, :3] = normals
         low = np.minimum.reduceat(points.min(axis=1), bounds[:-1]) - MARGIN
         high = np.maximum.reduceat(points.max(axis=1), bounds[:-1]) + MARGIN
-        nodes = self.texels[: self.triangles].reshape(self.leaves, 2, 6)
+        nodes = self.texels[: self.triangles].reshape(self.leaves, NODE_TEXELS, 4)
+        # As the shader reads them.
+        nodes[0, 0, :3] = low.min(axis=0) - MARGIN
+        nodes[0, 1, :3] = (2**BITS - 1) / (high.max(axis=0) + MARGIN - nodes[0, 0, :3])
+        origin, steps = nodes[0, :, :3].astype(float)
+        low, high = np.floor((low - origin) * steps), np.ceil((high - origin) * steps)
         while len(low) > 1:
             half = len(low) // 2
-            nodes[half : 2 * half, :, :3] = low.reshape(half, 2, 3)
-            nodes[half : 2 * half, :, 3:] = high.reshape(half, 2, 3)
+            nodes[half : 2 * half] = _packed(low, high).reshape(half, 2, 4)
             low = low.reshape(half, 2, 3).min(axis=1)
             high = high.reshape(half, 2, 3).max(axis=1)
+
+
+def _packed(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(N, 4) float32: boxes of whole numbers (N, 3) from 0 on, of `BITS` bits.
+
+    To read a texel takes software longer than to take it apart. The third number of a corner lies
+    in the upper bits of the two others: floats hold 24 bits exactly.
+    """
+    upper, lower = np.divmod(np.stack((low[:, 2], high[:, 2]), axis=1), 2 ** (BITS // 2))
+    found = np.concatenate((low[:, :2], high[:, :2]), axis=1)
+    found[:, ::2] += 2**BITS * lower
+    found[:, 1::2] += 2**BITS * upper
+    return found.astype(np.float32)
 
 
 def leaves_of(triangles: int) -> int:

@@ -66,7 +66,7 @@ differ. With two in the first round thin edges were missed."""
 PLACES = np.array(((0, 0), (1, 3), (2, -1), (-3, -2), (-1, -3), (-2, 1), (3, 2))) / 7.0
 """Of a pixel's samples, from its middle, in pixels: no two share a row or a column. After each
 round their mean is the middle."""
-WAYS, WAYS_MORE, WAYS_MOVING = 8, 3, 4
+WAYS, WAYS_MORE, WAYS_MOVING = 5, 3, 4
 """Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
 while something moves."""
 SHARE_OF_REDRAW, SHARE_OF_ENGINE = 0.8, 0.2

@@ -16,6 +16,7 @@ from glass_refraction.viewport.description import (
     trees_of,
 )
 from glass_refraction.viewport.trees import (
+    BITS,
     LEAF,
     NODE_TEXELS,
     TRIANGLE_TEXELS,
@@ -58,7 +59,12 @@ def ways(points, edges, origin, direction):
 def walked(tree, origin, direction):
     """The nearest meeting and the triangles that were looked at, without a stack."""
     texels = tree.texels.astype(float)
-    nodes = texels[: tree.triangles].reshape(-1, 2, 6)
+    nodes = texels[: tree.triangles].reshape(-1, NODE_TEXELS, 4)
+    grid, steps = nodes[0, :, :3]
+    upper, lower = np.divmod(nodes, 2.0**BITS)
+    third = upper[..., ::2] + 2.0 ** (BITS // 2) * upper[..., 1::2]
+    boxes = np.stack((lower[..., ::2], lower[..., 1::2], third), axis=-1)
+    boxes = grid + boxes / steps
     triangles = texels[tree.triangles :].reshape(-1, TRIANGLE_TEXELS, 4)[..., :3]
     nearest, seen, node, waits = np.inf, 0, 1, 0
     while True:
@@ -70,7 +76,7 @@ def walked(tree, origin, direction):
             seen += LEAF
         else:
             with np.errstate(divide="ignore"):
-                ends = (nodes[node].reshape(2, 2, 3) - origin) / direction
+                ends = (boxes[node] - origin) / direction
             enter = np.maximum(ends.min(axis=1).max(axis=1), 0.0)
             leave = np.minimum(ends.max(axis=1).min(axis=1), nearest)
             met = enter <= leave

@@ -6,10 +6,13 @@ vec4 texel(int k)
   return texelFetch(mesh_tx, ivec2(k & ((1 << ROW_BITS) - 1), k >> ROW_BITS), 0);
 }
 
-/* Where a ray enters a box, NOWHERE if not within its reach. `inverse`: of its direction. */
-float meet_box(vec3 low, vec3 high, vec3 o, vec3 inverse, float reach)
+/* Where a ray enters a packed box of a tree's grid (see trees.py), NOWHERE if not within its reach.
+ * `o`, `inverse`: where it starts in the grid, and of its direction there. */
+float meet_box(vec4 box, vec3 o, vec3 inverse, float reach)
 {
-  vec3 one = (low - o) * inverse, two = (high - o) * inverse;
+  vec4 upper = floor(box / GRID), lower = box - GRID * upper;
+  vec3 one = (vec3(lower.xy, upper.x + HALF_GRID * upper.y) - o) * inverse;
+  vec3 two = (vec3(lower.zw, upper.z + HALF_GRID * upper.w) - o) * inverse;
   vec3 near = min(one, two), far = max(one, two);
   float enter = max(max(near.x, near.y), max(near.z, 0.0));
   return enter <= min(min(far.x, far.y), min(far.z, reach)) ? enter : NOWHERE;
@@ -21,7 +24,8 @@ float meet_box(vec3 low, vec3 high, vec3 o, vec3 inverse, float reach)
 vec3 meet_mesh(vec4 tree, vec3 o, vec3 d, float reach, int skip, inout float way)
 {
   int nodes = int(tree.x), leaves = int(tree.y), first = int(tree.z);
-  vec3 inverse = 1.0 / mix(d, vec3(1e-12), lessThan(abs(d), vec3(1e-12)));
+  vec3 steps = texel(nodes + 1).xyz, start = (o - texel(nodes).xyz) * steps;
+  vec3 inverse = 1.0 / (steps * mix(d, vec3(1e-12), lessThan(abs(d), vec3(1e-12))));
   vec3 found = vec3(-1.0, 0.0, 0.0);
   float nearest = reach;
   int node = 1, waits = 0;
@@ -49,24 +53,20 @@ vec3 meet_mesh(vec4 tree, vec3 o, vec3 d, float reach, int skip, inout float way
     }
     else {
       int at = nodes + NODE_TEXELS * node;
-      vec4 a = texel(at), b = texel(at + 1), c = texel(at + 2);
-      float one = meet_box(a.xyz, vec3(a.w, b.xy), o, inverse, nearest);
-      float two = meet_box(vec3(b.zw, c.x), c.yzw, o, inverse, nearest);
+      float one = meet_box(texel(at), start, inverse, nearest);
+      float two = meet_box(texel(at + 1), start, inverse, nearest);
       if (min(one, two) < NOWHERE) {
         node = 2 * node + (two < one ? 1 : 0);
         waits = 2 * waits + (max(one, two) < NOWHERE ? 1 : 0);
         continue;
       }
     }
-    while (waits != 0 && (waits & 1) == 0) {
-      waits >>= 1;
-      node >>= 1;
-    }
     if (waits == 0) {
       break;
     }
-    waits ^= 1;
-    node ^= 1;
+    int up = findLSB(waits);
+    waits = (waits >> up) ^ 1;
+    node = (node >> up) ^ 1;
   }
   if (found.x >= 0.0) {
     way = nearest;
