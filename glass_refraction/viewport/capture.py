@@ -324,6 +324,8 @@ class Captures:
             return
         if is_first and amended:
             # What EEVEE makes at its start it makes anew for each sample that it draws in that go.
+            # The next one has more samples, and takes as much longer.
+            self.seconds *= EEVEE_SAMPLES
             return
         depth = gpu.types.Buffer("FLOAT", (side, side))
         with self._face.bind():

@@ -378,6 +378,8 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         if displaces:
             view.displaced.arrange(layer, space, model.glasses)
         model.key = key
+        # What is evaluated anew has the engine begin anew, though nothing that is seen moved.
+        view.refinements = 0
     view.is_threaded = not draws_off_screen(scene, space)
     is_blind = drawn_as(scene, space) is None
     if view.is_blind and not is_blind:

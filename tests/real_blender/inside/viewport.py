@@ -222,7 +222,10 @@ def moved_camera():
 
 
 def reads():
-    """How often the direct picture is read in Solid, from a move of the camera to the final one."""
+    """How often the direct picture is read in Solid, from a move of the camera to the final one.
+
+    It is drawn before Blender has evaluated the move: then the engine begins once more.
+    """
     (area,) = areas()
     flat_view(area, "SOLID")
     yield from rest()
@@ -236,6 +239,7 @@ def reads():
 
     direct.read = counted
     bpy.context.scene.camera.location.x += STEP[0]
+    redraw(area)
     yield from rest()
     bpy.context.scene.camera.location.x += STEP[1]
     direct.read = read
