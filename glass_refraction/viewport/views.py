@@ -180,7 +180,8 @@ class _View:
             return ""
         if self.is_blind:
             return BLIND
-        if self.final:
+        if self.final or time.perf_counter() < self.changed + REST_SECONDS:
+            # Nothing is worked on while things move: a line would stand there all the time.
             return ""
         done, total = self.captures.total - self.captures.left, self.captures.total
         if done < total:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The line in a view that says what it is working on."""
 
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -33,6 +34,15 @@ def test_it_says_so_of_no_engine_that_draws_at_once(view):
 def test_captures_are_told_of_first(view):
     view.captures.left = 2
     assert view.line() == "Surroundings of the glasses: 4 of 6"
+
+
+def test_nothing_is_told_while_things_move(view):
+    """Captures wait for rest: all along an orbit and while an animation played, none was drawn."""
+    view.captures.left = 6
+    view.changed = time.perf_counter()
+    assert view.line() == ""
+    view.changed -= 2.0 * views.REST_SECONDS
+    assert view.line() == "Surroundings of the glasses: 0 of 6"
 
 
 def test_what_shows_no_captures_says_so_at_rest_too(view):
