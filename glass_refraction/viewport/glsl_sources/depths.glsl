@@ -81,7 +81,8 @@ float depth_between(vec2 at)
   return parallel ? mixed : 1.0 / mixed;
 }
 
-/* The colour at a place, of the thing that counts for it: at edges without the others'. */
+/* The colour at a place, of the thing that counts for it: at edges without the others'. The engine's
+ * samples mix those on both sides of an edge, so pixels that lie off it count for more. */
 vec4 thing_at(vec2 at)
 {
   ivec2 pixel = pixel_for(at);
@@ -97,11 +98,12 @@ vec4 thing_at(vec2 at)
   for (int k = 0; k < 4; k++) {
     ivec2 one = ivec2(k & 1, k >> 1);
     ivec2 there = clamp(ivec2(low) + one, ivec2(0), last);
-    vec2 part = mix(1.0 - t, t, vec2(one));
-    float other = depth_at(there);
-    if (abs(other - shown.r) < edge_at(min(other, shown.r))) {
-      whole += part.x * part.y;
-      mixed += part.x * part.y * texelFetch(direct_tx, there, 0);
+    vec2 parts = mix(1.0 - t, t, vec2(one));
+    vec2 other = texelFetch(depth_tx, there, 0).rg;
+    if (abs(other.r - shown.r) < edge_at(min(other.r, shown.r))) {
+      float part = parts.x * parts.y * (other.g == 0.0 ? 1.0 : MIXED);
+      whole += part;
+      mixed += part * texelFetch(direct_tx, there, 0);
     }
   }
   return whole > 0.0 ? mixed / whole : texelFetch(direct_tx, pixel, 0);

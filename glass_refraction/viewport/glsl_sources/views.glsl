@@ -23,6 +23,8 @@
 /* The same as part of the distance: what a pixel of a capture cannot tell. */
 #define THICK_PART 0.01
 #define UNKNOWN -1e18
+/* Of a pixel beside an edge in the colour of a surface, over others. */
+#define MIXED 0.02
 /* Of sqrt(s) / (sqrt(s + 1) - sqrt(s)) the value for s = 1: no edge is farther off. */
 #define LIMB_MOST 2.42
 /* Where a thing is nearer to a face than this, in common units, it touches it. */
