@@ -123,9 +123,10 @@ def test_a_whole_sample_does_not_wait_for_eevee_to_refine(found):
 
 
 def test_a_picture_is_read_as_it_moves_and_as_its_engine_comes_to_rest(found):
-    """Between both it is refined. A picture that was read before the last sample is begun anew."""
-    count, samples = found["reads"]
-    assert count == 2 < int(samples)
+    """Between both it is refined: what was begun before the last sample was begun in vain."""
+    moving, at_rest, samples = found["reads"]
+    assert moving == 2
+    assert at_rest == 1 < int(samples)
 
 
 def test_a_view_comes_to_rest_though_a_redraw_or_its_timer_got_lost(found):

@@ -222,10 +222,7 @@ def moved_camera():
 
 
 def reads():
-    """How often the direct picture is read in Solid, from a move of the camera to the final one.
-
-    It is drawn before Blender has evaluated the move: then the engine begins once more.
-    """
+    """How often the direct picture is read in Solid: as the camera moves twice, and after that."""
     (area,) = areas()
     flat_view(area, "SOLID")
     yield from rest()
@@ -238,13 +235,13 @@ def reads():
         return read(*arguments)
 
     direct.read = counted
-    bpy.context.scene.camera.location.x += STEP[0]
-    redraw(area)
+    for step in STEP:
+        bpy.context.scene.camera.location.x += step
+        redraw(area)
+    moving, count = count, 0
     yield from rest()
-    bpy.context.scene.camera.location.x += STEP[1]
     direct.read = read
-    result["reads"] = [count, bpy.context.preferences.system.viewport_aa]
-    yield from rest()
+    result["reads"] = [moving, count, bpy.context.preferences.system.viewport_aa]
 
 
 def lost_redraw():
