@@ -100,31 +100,37 @@ def _with_mirrored(b: TreeBuilder, unshown, group):
     return both.outputs[0]
 
 
+def _with_normals(b: TreeBuilder, mesh):
+    """The node whose outputs are a mesh, its instances made real, and its corners' normals."""
+    realised = b.node("RealizeInstances")
+    b.link(mesh, realised.inputs["Geometry"])
+    kept = b.node("CaptureAttribute", domain="CORNER")
+    kept.capture_items.new("VECTOR", "Normal")
+    b.link(realised.outputs[0], kept.inputs["Geometry"])
+    b.link(b.node("InputNormal").outputs["Normal"], kept.inputs["Normal"])
+    return kept
+
+
 def _parted(b: TreeBuilder, own, slots):
     """A mesh's faces that are glass, and the others, all with the normals that they had.
 
     ``slots``: bit k says that faces of material slot k are no glass.
     """
-    realised = b.node("RealizeInstances")
-    b.link(own, realised.inputs["Geometry"])
-    kept = b.node("CaptureAttribute", domain="CORNER")
-    kept.capture_items.new("VECTOR", "Normal")
-    b.link(realised.outputs[0], kept.inputs["Geometry"])
-    b.link(b.node("InputNormal").outputs["Normal"], kept.inputs["Normal"])
+    kept = _with_normals(b, own)
     slot = b.whole("MINIMUM", b.node("InputMaterialIndex").outputs[0], MOST_SLOTS)
     bit = b.whole("DIVIDE_FLOOR", slots, b.whole("POWER", 2, slot))
     parted = b.node("SeparateGeometry", domain="FACE")
     b.link(kept.outputs["Geometry"], parted.inputs["Geometry"])
     b.link(b.whole("MODULO", bit, 2), parted.inputs["Selection"])
 
-    def with_normals(part):
+    def as_it_was(part):
         normals = b.node("SetMeshNormal", mode="FREE", domain="CORNER")
         b.link(part, normals.inputs["Mesh"])
         b.link(kept.outputs["Normal"], enabled(normals.inputs, "Custom Normal"))
         return normals.outputs[0]
 
-    glass = b.switch("GEOMETRY", slots, own, with_normals(parted.outputs["Inverted"]))
-    opaque = b.switch("GEOMETRY", slots, _nothing(b), with_normals(parted.outputs["Selection"]))
+    glass = b.switch("GEOMETRY", slots, own, as_it_was(parted.outputs["Inverted"]))
+    opaque = b.switch("GEOMETRY", slots, _nothing(b), as_it_was(parted.outputs["Selection"]))
     return glass, opaque
 
 
@@ -134,12 +140,7 @@ def _with_corners(b: TreeBuilder, left, is_mesh, glass, opaque):
     No engine draws loose points of a mesh; the extension reads the glass from them. Three in a row
     are a triangle.
     """
-    realised = b.node("RealizeInstances")
-    b.link(glass, realised.inputs["Geometry"])
-    kept = b.node("CaptureAttribute", domain="CORNER")
-    kept.capture_items.new("VECTOR", "Normal")
-    b.link(realised.outputs[0], kept.inputs["Geometry"])
-    b.link(b.node("InputNormal").outputs["Normal"], kept.inputs["Normal"])
+    kept = _with_normals(b, glass)
     triangles = _triangulated(b, kept.outputs["Geometry"])
     size = b.node("AttributeDomainSize", component="MESH")
     b.link(triangles.outputs[0], size.inputs["Geometry"])
