@@ -14,7 +14,7 @@ import glass_refraction
 from glass_refraction import handlers
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build import own_scenes
-from glass_refraction.scene.build.compositor import group_node, has_group
+from glass_refraction.scene.build.compositor import group_node, has_group, remove_stray_nodes
 from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.build.own_scenes import user_scene_of
 from glass_refraction.scene.names import NODE_GROUPS, TAG, RefractiveGlassError, own
@@ -225,6 +225,26 @@ def test_a_tree_that_was_replaced_is_left_without_nodes(scene):
     assert not any(TAG in n for n in tree.nodes)
     assert _links(tree) == before
     assert has_group(scene)
+
+
+def test_an_own_tree_that_was_unlinked_is_left_without_nodes(scene):
+    """It is not written to a file, but what stands in it would be."""
+    _prepare(scene)
+    tree = scene.compositing_node_group
+    assert own(tree)
+    scene.compositing_node_group = None
+    remove_stray_nodes()
+    assert own(tree)
+    assert not any(TAG in n for n in tree.nodes)
+    scene.compositing_node_group = tree
+    _prepare(scene)
+    tree = scene.compositing_node_group
+    tree.nodes.new("CompositorNodeBlur")
+    scene.compositing_node_group = None
+    remove_stray_nodes()
+    assert not own(tree)
+    assert not tree.name.startswith(".")
+    assert not any(TAG in n for n in tree.nodes)
 
 
 def test_nodes_count_no_scene_as_used_that_they_do_not_use(scene):

@@ -341,7 +341,7 @@ def test_a_file_that_is_written_shows_all_glasses_as_meshes(tmp_path):
         assert not [name for name in saved.images if name.startswith(".")]
 
 
-@pytest.mark.parametrize("way", ["nodes deleted", "tree replaced"])
+@pytest.mark.parametrize("way", ["nodes deleted", "tree replaced", "tree unlinked"])
 def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_path, way):
     """The pictures in it have a user, though the tree itself is not written."""
     scene, *_ = _scene(shading="TRUE")
@@ -350,10 +350,11 @@ def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_p
         scene.compositing_node_group.nodes.clear()
         left = [t for t in bpy.data.node_groups if own(t, "composite")]
         assert [tree.users for tree in left] == [0]
+    elif way == "tree unlinked":
+        scene.compositing_node_group = None
     else:
         tree = scene.compositing_node_group
         tree.name, tree.use_fake_user = "Mine", True
-        # As a user's tree: what is the extension's own is not written.
         del tree[TAG]
         scene.compositing_node_group = None
     door.set_aside(scene)

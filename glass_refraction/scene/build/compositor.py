@@ -65,12 +65,8 @@ def remove_group(scene: bpy.types.Scene) -> None:
     if tree is None:
         return
     _take_out(nodes_of(scene))
-    if own(tree, "compositor"):
-        if _is_plain(tree):
-            scene.compositing_node_group = None
-        else:
-            del tree[TAG]
-            tree.name = "Compositing"
+    if own(tree, "compositor") and not _hand_over(tree):
+        scene.compositing_node_group = None
 
 
 def group_node(scene: bpy.types.Scene) -> bpy.types.Node | None:
@@ -101,16 +97,27 @@ def shown_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
 def remove_stray_nodes() -> None:
     """Take the extension's nodes out of trees that no scene shows any more.
 
-    The user may have replaced a tree while they stood in it. Those of a bake stay: nothing could
+    The user may have replaced a tree while they stood in it, the extension's own too. Those of a bake stay: nothing could
     make them again.
     """
     shown = {scene.compositing_node_group for scene in bpy.data.scenes}
     for tree in bpy.data.node_groups:
-        if tree.bl_idname == "CompositorNodeTree" and not (tree in shown or own(tree)):
+        if tree.bl_idname == "CompositorNodeTree" and tree not in shown:
             nodes = [n for n in tree.nodes if n.get(TAG)]
             groups = [n.node_tree for n in nodes if n[TAG] == "group"]
             if tree.is_editable and not any(g is not None and BAKE in g for g in groups):
                 _take_out(nodes)
+                if own(tree, "compositor"):
+                    _hand_over(tree)
+
+
+def _hand_over(tree: bpy.types.NodeTree) -> bool:
+    """Let the user have a tree that the extension made if they built on it; whether they did."""
+    if _is_plain(tree):
+        return False
+    del tree[TAG]
+    tree.name = "Compositing"
+    return True
 
 
 def nodes_of(scene: bpy.types.Scene) -> list[bpy.types.Node]:
