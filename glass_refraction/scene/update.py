@@ -23,7 +23,7 @@ import numpy as np
 from .bake.playback import bake_problems, is_held
 from .build.compositor import can_insert, remove_group, remove_stray_nodes, shown_scenes
 from .build.own_scenes import find_own_scenes, own_blocks, remove_leftovers, remove_own_scenes
-from .build.standing import blocks_of, held_by, made_for
+from .build.standing import blocks_of, made_for, strays
 from .changes import generation
 from .material_link import tell_opaque
 from .memory import Status, counters, forget, memory_of, status
@@ -324,15 +324,13 @@ def set_aside(scene: bpy.types.Scene, *, rendering: bool = False) -> None:
 
 
 def set_aside_strays() -> None:
-    """Have a file that is written now hold nothing of what users took out of their scenes' trees.
+    """Have a file that is written now hold nothing of scenes and trees that the user took away.
 
     A tree that nothing uses any more is not written, but what is in it would be.
     """
     remove_stray_nodes()
-    for tree in bpy.data.node_groups:
-        if own(tree, "composite") and tree.users == 0 and tree.library is None:
-            for block in filter(own, held_by(tree)):
-                block.is_runtime_data = True
+    for block in strays():
+        block.is_runtime_data = True
 
 
 def put_back() -> None:

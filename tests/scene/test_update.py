@@ -341,7 +341,9 @@ def test_a_file_that_is_written_shows_all_glasses_as_meshes(tmp_path):
         assert not [name for name in saved.images if name.startswith(".")]
 
 
-@pytest.mark.parametrize("way", ["nodes deleted", "tree replaced", "tree unlinked"])
+@pytest.mark.parametrize(
+    "way", ["nodes deleted", "tree replaced", "tree unlinked", "scene deleted"]
+)
 def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_path, way):
     """The pictures in it have a user, though the tree itself is not written."""
     scene, *_ = _scene(shading="TRUE")
@@ -350,6 +352,9 @@ def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_p
         scene.compositing_node_group.nodes.clear()
         left = [t for t in bpy.data.node_groups if own(t, "composite")]
         assert [tree.users for tree in left] == [0]
+    elif way == "scene deleted":
+        bpy.context.window.scene = bpy.data.scenes.new("Other")
+        bpy.data.scenes.remove(scene)
     elif way == "tree unlinked":
         scene.compositing_node_group = None
     else:
@@ -357,10 +362,12 @@ def test_a_file_that_is_written_holds_nothing_of_a_tree_that_was_taken_out(tmp_p
         tree.name, tree.use_fake_user = "Mine", True
         del tree[TAG]
         scene.compositing_node_group = None
-    door.set_aside(scene)
+    if way != "scene deleted":
+        door.set_aside(scene)
     door.set_aside_strays()
     path = str(tmp_path / "file.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
     door.put_back()
     with bpy.data.libraries.load(path) as (saved, _):
-        assert not [n for n in (*saved.images, *saved.node_groups) if n.startswith(".")]
+        kept = (saved.images, saved.node_groups, saved.scenes, saved.objects, saved.cameras)
+        assert not [n for names in kept for n in names if n.startswith(".")]
