@@ -44,6 +44,8 @@ _rendering = False
 _registered = False
 _working = threading.RLock()
 """Held by a handler that works in a render's thread."""
+_layers: dict[int, str] = {}
+"""By a window's address the view layer that it showed last of a scene of the user's."""
 _own_rendered = False
 """Whether the render that goes on has come to an own scene."""
 LEFT_OUT = (
@@ -77,6 +79,10 @@ def leave_own_scenes() -> None:
     for window in _windows():
         if own(window.scene):
             window.scene = next(iter(_users_scenes()), None) or bpy.data.scenes.new("Scene")
+            # As Blender does: the view layer of the same name, else the one for the 3D view.
+            layers = window.scene.view_layers
+            first = next((layer for layer in layers if not layer.use), layers[0])
+            window.view_layer = layers.get(_layers.get(window.as_pointer(), ""), first)
 
 
 def _windows() -> list[bpy.types.Window]:
@@ -138,6 +144,8 @@ def _on_depsgraph_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph)
         if any(own(window.scene) for window in _windows()):
             _serve_in(REST_SECONDS)
         return
+    shown = [window for window in _windows() if not own(window.scene)]
+    _layers.update((window.as_pointer(), window.view_layer.name) for window in shown)
     changes.note(scene, depsgraph)
     if _rendering or changes.is_echo(scene):
         return
@@ -287,6 +295,7 @@ def _asks_for_own(scene: bpy.types.Scene) -> bool:
 @persistent
 def _on_data_replaced(*_) -> None:
     door.forget()
+    _layers.clear()
     _request_all()
 
 

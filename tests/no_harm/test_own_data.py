@@ -289,6 +289,16 @@ def test_a_window_left_on_an_own_scene_shows_the_users_again(scene):
     assert window.scene == scene
 
 
+def test_a_window_left_on_an_own_scene_keeps_its_view_layer(scene):
+    """As when Blender goes from one scene of the user's to another."""
+    window = bpy.context.window_manager.windows[0]
+    window.view_layer = scene.view_layers.new("Another")
+    _prepare(scene)
+    window.scene = find_layers(scene).mask
+    handlers.leave_own_scenes()
+    assert (window.scene, window.view_layer.name) == (scene, "Another")
+
+
 def test_an_own_scene_of_another_session_belongs_by_its_name(scene):
     _prepare(scene)
     other = bpy.data.scenes.new("Other")

@@ -97,8 +97,8 @@ def shown_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
 def remove_stray_nodes() -> None:
     """Take the extension's nodes out of trees that no scene shows any more.
 
-    The user may have replaced a tree while they stood in it, the extension's own too. Those of a bake stay: nothing could
-    make them again.
+    The user may have replaced a tree while they stood in it, the extension's own too. Those of a
+    bake stay: nothing could make them again.
     """
     shown = {scene.compositing_node_group for scene in bpy.data.scenes}
     for tree in bpy.data.node_groups:

@@ -786,6 +786,11 @@ def append(walk):
         # What was linked before is the same object again.
         if obj not in there.values():
             there.link(obj)
+            # As Append does. The file tells of the last evaluation, not of the selection, and
+            # what has not been evaluated cannot be selected.
+            bpy.context.view_layer.update()
+            if obj.name in bpy.context.view_layer.objects:
+                obj.select_set(True)
 
 
 def make_local(walk):
@@ -972,7 +977,9 @@ def explain(seed, until, folder, fresh, names):
     for name in sorted(names):
         without, with_it = (dump.get(name) for dump in dumps)
         if without is None or with_it is None or isinstance(without, str):
-            lines.append(f"{name}: {type(without).__name__} -> {type(with_it).__name__}")
+            # A block that is there in one of the walks only, or the window.
+            told = (x if x is None or isinstance(x, str) else "there" for x in (without, with_it))
+            lines.append(f"{name}: without it {next(told)}, with it {next(told)}")
             continue
         lines += [f"{name}: without it {x}" for x in without if x not in with_it][:8]
         lines += [f"{name}: with it {x}" for x in with_it if x not in without][:8]
