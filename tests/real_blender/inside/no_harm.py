@@ -543,6 +543,7 @@ def collection(walk):
         # As the outliner does it: what it held goes to the scene.
         for held in [o for o in found.objects if o.name not in scene.collection.objects]:
             scene.collection.objects.link(held)
+            select_new(held, False)
         for inner in [c for c in found.children if c.name not in scene.collection.children]:
             scene.collection.children.link(inner)
         bpy.data.collections.remove(found)
@@ -767,6 +768,17 @@ def keep_as_library(walk):
     check_file(walk.library)
 
 
+def select_new(obj, selected):
+    """Select an object that is new in the view layer, or not.
+
+    Blender takes that from the last evaluation that there was of it, and those differ between the
+    walks. What has not been evaluated there cannot be selected.
+    """
+    bpy.context.view_layer.update()
+    if obj.name in bpy.context.view_layer.objects:
+        obj.select_set(selected)
+
+
 def append(walk):
     link, whole = walk.random.random() < 0.4, walk.random.random() < 0.3
     # A linked scene cannot be changed, and most steps change the scene that they are in.
@@ -786,11 +798,7 @@ def append(walk):
         # What was linked before is the same object again.
         if obj not in there.values():
             there.link(obj)
-            # As Append does. The file tells of the last evaluation, not of the selection, and
-            # what has not been evaluated cannot be selected.
-            bpy.context.view_layer.update()
-            if obj.name in bpy.context.view_layer.objects:
-                obj.select_set(True)
+            select_new(obj, True)
 
 
 def make_local(walk):
