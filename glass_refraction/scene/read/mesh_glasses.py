@@ -276,8 +276,9 @@ def unread(obj: bpy.types.Object, opaque: int) -> list[str]:
     return found
 
 
-_BESIDE_GLASS = ("Metallic", "Coat Weight", "Emission Strength", "Thin Film Thickness")
-"""Inputs of a shader that add to a glass what is not computed; plain glass has 0."""
+_BESIDE_GLASS = ("Metallic", "Coat Weight", "Emission Strength", "Thin Film Thickness", "Thin Wall")
+"""Inputs of a shader that make of a glass what is not computed; plain glass has 0. Blender has a
+thin wall since 5.2."""
 
 
 def material_interface(material: bpy.types.Material | None) -> Interface | None:
