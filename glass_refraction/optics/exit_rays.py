@@ -19,18 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .axial import nearest
+from .boxes import TOUCHING, fewer, grain, near_boxes
 from .facets import ENDLESS, bent, facet_shares, fold, visible_facets
 from .laws import proper_rays, reflectance_and_cosine
-from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, surface_depths
+from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, shared_media, surface_depths
 from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import HORIZON, Floats, Rays
-from .vectors import LEAST, Columns, against, columns, dot, refracted, rotated, units
-
-TOUCHING = 2.0**-21
-"""Relative distance within which two surfaces touch: of the largest coordinate of the place where a
-ray starts, or of the way to where it meets them. It is four roundings of the float32 numbers in
-which Blender keeps places."""
+from .vectors import Columns, against, columns, dot, refracted, rotated, units
 
 FAR_OFF = 100.0
 """Sizes of all meshes: surfaces touch no less closely however far they are from the origin."""
@@ -48,6 +44,9 @@ reversible: what came in leaves at last."""
 
 OWN = 1e-5
 """Of a unit vector: interpolated normals nearer to the face's are its own, as rounded."""
+
+MOST_BOXES = 16
+"""Boxes that a ray is tried with before it is cast: each takes time for every ray."""
 
 MOST_STRAIGHT = 64
 """Interfaces that a ray may pass straight, beside the `most_events` at which it is turned."""
@@ -134,7 +133,8 @@ class _Live(Columns):
     """Rays on their way, in the world; the last axis counts them.
 
     `depth` has no rows where nothing dims light, `aside` none where no things are looked for.
-    `medium`: of each glass, 0 outside it. `entered`: the step in which each glass was entered.
+    `medium`: of each row of `_Followed.media`, 0 outside its glasses. `entered`: the step in which
+    one of these was entered.
     `facet`: the ray's number among those into which the first rough interface split it, else -1.
     `part`: of all facets, how many it stands for.
     `aside`: (3, L), from where a ray starts to where it looks for things from. `thing`: number of
@@ -171,7 +171,7 @@ class _NextFace(Columns):
     """The next interface of every ray: way to it (inf: none), glass, interface, unit normal (3, L).
 
     `flat`: normals of a mesh's faces, where there are meshes, else (0, L); `normal` then is the
-    interpolated one. `after`: medium of every glass behind it. `leaked`: the ray is in a glass of
+    interpolated one. `after`: as `_Live.medium`, behind it. `leaked`: the ray is in a glass of
     which it meets nothing, by rounding.
     """
 
@@ -186,7 +186,10 @@ class _NextFace(Columns):
 
 @dataclass
 class _Followed:
-    """One call of `exit_rays`."""
+    """One call of `exit_rays`.
+
+    `row`: of each glass, its row in `media`, see `shared_media`.
+    """
 
     glasses: Sequence[Placed]
     min_weight: float
@@ -199,6 +202,7 @@ class _Followed:
     sample: NDArray[np.int64]
     between: Callable[[], None]
     stretches: bool
+    row: NDArray[np.intp] = field(init=False)
     media: Media = field(init=False)
     meshes: list[int] = field(init=False)
     alpha: Floats = field(init=False)
@@ -207,7 +211,8 @@ class _Followed:
     steps: int = 0
 
     def __post_init__(self) -> None:
-        self.media = Media(self.glasses)
+        self.row, shared = shared_media(self.glasses)
+        self.media = Media(shared)
         self.meshes = [n for n, glass in enumerate(self.glasses) if glass.is_mesh]
         self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
         self.rough = bool(self.alpha.any())
@@ -223,6 +228,10 @@ class _Followed:
             self.farthest = FAR_OFF * float(size)
         self.grain = grain(self.mesh_boxes)
         self.accuracy = grain(self.things)
+        if self.mesh_boxes is not None:
+            self.mesh_boxes = fewer(self.mesh_boxes, MOST_BOXES)
+        if self.things is not None:
+            self.things = fewer(self.things, MOST_BOXES)
         if self.meshes and self.ask is None:
             raise ValueError("meet must tell where the glasses are that are meshes, not None")
 
@@ -230,15 +239,15 @@ class _Followed:
 
     def start(self, origin: Floats, direction: Floats, proper: NDArray[np.intp]) -> _Live:
         """The proper rays of unit directions (M, 3)."""
-        count, glasses = len(proper), len(self.glasses)
+        count, rows = len(proper), len(self.media.rank)
         single = origin.ndim == 1
-        medium = np.zeros((glasses, count), dtype=np.int8)
+        medium = np.zeros((rows, count), dtype=np.int8)
         places = origin[None] if single else origin[proper]
         for number, glass in enumerate(self.glasses):
             if number in self.meshes:
                 continue
             turn, middle = glass.pose[:3, :3], glass.pose[:3, 3]
-            medium[number] = glass.body.medium_at(rotated(turn.T, (places - middle).T).T)
+            medium[self.row[number]] = glass.body.medium_at(rotated(turn.T, (places - middle).T).T)
         return _Live(
             ray=proper,
             place=np.array(np.broadcast_to(places.T, (3, count))),
@@ -248,7 +257,7 @@ class _Followed:
             events=np.zeros(count, dtype=np.int32),
             path=np.zeros(count, dtype=np.uint64),
             medium=medium,
-            entered=np.zeros((glasses, count), dtype=np.int16),
+            entered=np.zeros((rows, count), dtype=np.int16),
             facet=np.full(count, -1, dtype=np.int8),
             part=np.ones(count),
             aside=np.zeros((3 if self.cast is not None else 0, count)),
@@ -329,7 +338,8 @@ class _Followed:
             found: list[_Meeting | _Faces] = [sheet.within(block) for sheet in sheets]
             for number, glass in enumerate(self.glasses):
                 if not glass.is_mesh:
-                    found += _meetings(number, glass, live, block, met)
+                    medium = live.medium[self.row[number], block]
+                    found += _meetings(number, glass, live, medium, block, met)
             way = met.way[block]
             for meeting in found:
                 way[meeting.index] = np.minimum(way[meeting.index], meeting.way)
@@ -344,14 +354,15 @@ class _Followed:
                 if not len(meeting.index):
                     continue
                 index = meeting.index + block.start
-                met.after[meeting.number, index] = meeting.beyond
+                row = self.row[meeting.number]
+                met.after[row, index] = meeting.beyond
                 if isinstance(meeting, _Faces):
-                    live.medium[meeting.number, index] = 1 - meeting.beyond
+                    live.medium[row, index] = 1 - meeting.beyond
                 # Of interfaces that touch, that of the highest priority tells what happens.
-                rank = self.media.rank[meeting.number]
+                rank = np.broadcast_to(self.media.rank[row], len(index))
                 first = np.flatnonzero(rank > telling[meeting.index])
                 meeting, index = meeting.take(first), index[first]
-                telling[meeting.index] = self.media.rank[meeting.number]
+                telling[meeting.index] = rank[first]
                 met.glass[index] = meeting.number
                 met.interface[index] = meeting.interface
                 for axis, (normal, flat) in enumerate(zip(*meeting.normals(), strict=True)):
@@ -366,7 +377,7 @@ class _Followed:
         """The next faces of meshes, for those rays that can meet one."""
         some = np.arange(len(live))
         if self.mesh_boxes is not None:
-            inside = (live.medium[self.meshes] > 0).any(axis=0)
+            inside = (live.medium[np.unique(self.row[self.meshes])] > 0).any(axis=0)
             endless = np.full(len(live), np.inf)
             inside |= near_boxes(self.mesh_boxes, live.place, live.direction, endless)
             some = np.flatnonzero(inside)
@@ -707,11 +718,10 @@ class _Faces(Columns):
 
 
 def _meetings(
-    number: int, glass: PlacedGlass, live: _Live, block: slice, met: _NextFace
+    number: int, glass: PlacedGlass, live: _Live, media: NDArray, block: slice, met: _NextFace
 ) -> list[_Meeting]:
     """The meetings of a block's rays with a glass, one for each medium of it that they are in."""
-    place, direction, media = live.place[:, block], live.direction[:, block], live.medium[number]
-    media = media[block]
+    place, direction = live.place[:, block], live.direction[:, block]
     candidates = np.flatnonzero((media > 0) | glass.near(place, direction))
     if not len(candidates):
         return []
@@ -742,48 +752,6 @@ def _meetings(
                 rays.take(on),
             )
         )
-    return found
-
-
-def grain(boxes: Floats | None) -> float:
-    """Metres by which float32 may be off the faces of things in boxes (B, 2, 3)."""
-    return 0.0 if boxes is None or not len(boxes) else GRAIN * float(np.ptp(boxes, axis=1).max())
-
-
-GRAIN = 2.0**-22
-"""Of the length of a triangle's edges: what Blender's ray caster may be off, as measured (at most
-2.0e-7 over edges of 0.3 to 3,000 m)."""
-
-
-def near_boxes(boxes: Floats, places: Floats, directions: Floats, way: Floats) -> NDArray[np.bool_]:
-    """`meets_boxes` of boxes that are larger by what rounding may do to what is in them."""
-    margin = TOUCHING * np.abs(boxes).max(axis=(1, 2)) + grain(boxes)
-    return meets_boxes(boxes, margin, places, directions, way)
-
-
-def meets_boxes(
-    boxes: Floats, margin: ArrayLike, places: Floats, directions: Floats, way: Floats
-) -> NDArray[np.bool_]:
-    """Which rays (3, L) come into one of the boxes (B, 2, 3) within a way (L,).
-
-    `margin`: metres by which boxes are larger, one or (B,). The way counts in directions.
-    """
-    found = np.zeros(len(way), dtype=bool)
-    margin = np.broadcast_to(margin, len(boxes))[:, None]
-    lows, highs = boxes[:, 0] - margin, boxes[:, 1] + margin
-
-    def work(block: slice) -> None:
-        place, along, least = places[:, block], directions[:, block], way[block]
-        # A direction of 0 is taken as one too small to matter.
-        inverse = 1.0 / np.where(np.abs(along) < LEAST, LEAST, along)
-        for low, high in zip(lows, highs, strict=True):
-            begin, end = ((side[:, None] - place) * inverse for side in (low, high))
-            near, far = np.minimum(begin, end), np.maximum(begin, end)
-            enters = np.maximum(np.maximum(near[0], near[1]), near[2])
-            leaves = np.minimum(np.minimum(far[0], far[1]), far[2])
-            found[block] |= (enters <= np.minimum(leaves, least)) & (leaves >= 0.0)
-
-    in_blocks(work, len(way))
     return found
 
 

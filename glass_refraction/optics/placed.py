@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .axial import SOLID, BoundedGlass
+from .boxes import apart
 from .glasses import _positive
 from .surfaces import Floats
 from .vectors import dot, rotated
@@ -183,6 +184,29 @@ ROUNDING = 1e-12
 
 
 Placed = PlacedGlass | PlacedMesh
+
+
+def shared_media(glasses: Sequence[Placed]) -> tuple[NDArray[np.intp], list[Placed]]:
+    """Rows for the media of glasses: of each glass its row (G,), of each row its first glass.
+
+    Meshes of the same medium that lie apart share a row: a ray is in one of them at most. So what
+    is known of a ray does not grow with the number of drops on a pane.
+    """
+    of_medium: dict[tuple, list[int]] = {}
+    for number, glass in enumerate(glasses):
+        key: tuple = (number,)
+        if isinstance(glass, PlacedMesh) and glass.box is not None:
+            absorption = None if glass.absorption is None else tuple(np.ravel(glass.absorption))
+            key = (glass.ior, absorption, glass.priority)
+        of_medium.setdefault(key, []).append(number)
+    first = np.arange(len(glasses))
+    for members in of_medium.values():
+        if len(members) > 1:
+            group = apart([glasses[number].box for number in members])
+            _, begins = np.unique(group, return_index=True)
+            first[members] = np.array(members)[begins][group]
+    rows, row = np.unique(first, return_inverse=True)
+    return row, [glasses[number] for number in rows]
 
 
 class Media:

@@ -10,6 +10,7 @@ import pytest
 from glass_refraction import optics
 from glass_refraction.optics import facets
 from glass_refraction.optics.facets import CLEAR, SHARE
+from glass_refraction.optics.placed import shared_media
 
 SQUARE = ((-0.05, -0.04), (0.05, -0.04), (0.05, 0.04), (-0.05, 0.04))
 
@@ -150,6 +151,34 @@ def test_meshes_that_overlap_or_touch_by_priority(overlap):
     meet = meshes.Caster([(1, lower)])
     found = optics.exit_rays([closed, glasses[1]], eye, directions, meet=meet, min_weight=0.03)
     same_ends(found, expected)
+
+
+def test_what_is_known_of_a_ray_does_not_grow_with_drops():
+    """Meshes of one medium that lie apart share what is known of a ray; the rays are the same."""
+    rng = np.random.default_rng(6)
+    drops = [meshes.box(low, low + 0.06) for low in rng.uniform(-0.2, 0.2, (40, 3))]
+    drops = [drop.placed(random_pose(rng)) for drop in drops]
+    eye, directions = rays_at(rng, np.array([(-0.3, -0.3, -0.3), (0.3, 0.3, 0.3)]), 150, away=1.0)
+    meet = meshes.Caster(list(enumerate(drops)), apart=True)
+    results, rows = [], []
+    for boxes in ([None] * len(drops), [drop.box for drop in drops]):
+        glasses = [optics.PlacedMesh(1.333, (1.0, 2.0, 3.0), box=box) for box in boxes]
+        rows.append(len(shared_media(glasses)[1]))
+        results.append(optics.exit_rays(glasses, eye, directions, meet=meet, min_weight=0.02))
+    assert rows[0] == len(drops)
+    assert 1 < rows[1] < len(drops) / 3
+    for name in ("ray", "path"):
+        np.testing.assert_array_equal(*(getattr(ends, name) for ends in results))
+    for name in ("weight", "depth", "origin", "direction", "lost"):
+        np.testing.assert_allclose(*(getattr(ends, name) for ends in results), atol=1e-5)
+    # What differs in its medium or priority does not share, nor what is no mesh.
+    box = drops[0].box
+    others = [optics.PlacedMesh(1.333, box=box + 10.0 * k, priority=k % 2) for k in range(4)]
+    others += [optics.PlacedMesh(1.5, box=box - 10.0), optics.PlacedMesh(1.5, (0, 0, 1), box=box)]
+    closed = optics.PlacedGlass(optics.body(optics.SphereGlass((0.1,), (1.5,))), np.eye(4))
+    row, firsts = shared_media([*others, closed, closed])
+    assert row.tolist() == [0, 1, 0, 1, 2, 3, 4, 5]
+    assert firsts == [*others[:2], *others[4:], closed, closed]
 
 
 def test_a_mesh_stays_where_boxes_say_it_is():

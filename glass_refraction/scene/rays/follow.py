@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import optics
-from ...optics.exit_rays import TOUCHING, grain, near_boxes
+from ...optics.boxes import TOUCHING, grain, near_boxes
 from ...optics.vectors import dot
 from ..memory import counters
 from ..progress import check

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...optics.exit_rays import TOUCHING
+from ...optics.boxes import apart
 from ..read.glasses import Glass
 from .caster import Caster
 from .things import Triangles
@@ -66,13 +66,14 @@ class GlassMeshes:
         self, casters: Sequence[Caster], glasses: Sequence[Glass], centre: np.ndarray, scale: float
     ) -> None:
         numbers = [n for n, glass in enumerate(glasses) if glass.is_mesh]
-        grouped = _apart([glasses[n].description.box for n in numbers], len(casters))
+        grouped = apart([glasses[n].description.box for n in numbers], len(casters))
         self._groups = []
-        for caster, members in zip(casters, grouped, strict=True):
+        for group, caster in enumerate(casters):
+            members = [n for n, own in zip(numbers, grouped, strict=True) if own == group]
             if not members:
                 caster.aim(NO_TRIANGLES, centre, scale)
                 continue
-            chosen = [glasses[numbers[member]].description for member in members]
+            chosen = [glasses[member].description for member in members]
             sizes = [len(mesh.points) for mesh in chosen]
             points = np.concatenate([mesh.points for mesh in chosen])
             flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
@@ -83,7 +84,7 @@ class GlassMeshes:
             self._groups.append(
                 _Group(
                     caster,
-                    np.repeat([numbers[member] for member in members], sizes),
+                    np.repeat(members, sizes),
                     points,
                     normals,
                     flat,
@@ -99,26 +100,6 @@ class GlassMeshes:
         """The next face of each group of meshes: (H, L) and (H, L, 3), see `optics.exit_rays`."""
         found = (group.meet(origins, directions) for group in self._groups)
         return tuple(np.stack(part) for part in zip(*found, strict=True))
-
-
-def _apart(boxes: Sequence[np.ndarray], most: int) -> list[list[int]]:
-    """Numbers of boxes (2, 3) in ``most`` groups; none overlap in a group but in the last one.
-
-    Boxes so near that the tracer takes their faces for touching count as overlapping.
-    """
-    groups: list[list[int]] = [[] for _ in range(most)]
-    near = TOUCHING * max((float(np.abs(box).max()) for box in boxes), default=0.0)
-    for number, (low, high) in enumerate(boxes):
-        low, high = low - near, high + near
-        free = (
-            group
-            for group in groups
-            if not any(
-                np.all((low <= boxes[other][1]) & (high >= boxes[other][0])) for other in group
-            )
-        )
-        next(free, groups[-1]).append(number)
-    return groups
 
 
 def _slopes(corners: np.ndarray) -> np.ndarray:

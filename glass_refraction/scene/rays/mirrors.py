@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...optics import reflect
-from ...optics.exit_rays import meets_boxes
+from ...optics.boxes import meets_boxes
 from .hits import SKIN, Scene
 from .looks import Clear
 from .views import RadianceView

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...optics.exit_rays import meets_boxes
+from ...optics.boxes import meets_boxes
 from ...optics.facets import fold
 from ...optics.vectors import columns, rotated
 from .things import Things

@@ -183,9 +183,11 @@ def _ranks(bodies: Sequence[Glass]) -> list[int]:
 
     Of equal priorities a glass within another's box holds: a ball in a tank of water is seen.
     """
-    boxes = [(c.min(axis=0), c.max(axis=0)) for c in map(corners_of, bodies)]
+    corners = np.array([corners_of(body) for body in bodies]).reshape(-1, 8, 3)
+    lows, highs = corners.min(axis=1), corners.max(axis=1)
     depths = [
-        sum(bool((low > a).all() and (high < b).all()) for a, b in boxes) for low, high in boxes
+        int(((low > lows) & (high < highs)).all(axis=1).sum())
+        for low, high in zip(lows, highs, strict=True)
     ]
     return [body.priority * len(bodies) + depth for body, depth in zip(bodies, depths, strict=True)]
 
