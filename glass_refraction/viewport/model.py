@@ -15,8 +15,8 @@ from ..scene.read.glasses import (
     as_body,
     glass_modifier,
     glass_objects,
-    instanced_glasses,
     is_mesh_glass,
+    named_glasses,
     read_glass,
 )
 from ..scene.read.mesh_glasses import opaque_bits
@@ -130,7 +130,7 @@ class Model:
         """Whether what changed may show glasses elsewhere."""
         if changed.isdisjoint(self._showing):
             return False
-        return self._has_instances or bool(instanced_glasses(layer))
+        return self._has_instances or bool(named_glasses(layer))
 
     def _list_things(self, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D) -> None:
         """Find all things, and read their boxes."""

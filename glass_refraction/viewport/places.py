@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..scene.read.glasses import glass_modifier, glass_objects, instanced_glasses, instances
+from ..scene.read.glasses import glass_modifier, glass_objects, instances, named_glasses
 from ..scene.read.modifier_inputs import has_input, read_input
 
 Key = tuple[int, int]
@@ -49,7 +49,7 @@ def places(layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D) -> list[Pla
         for obj in glass_objects(layer)
         if obj.visible_get(view_layer=layer, viewport=space)
     ]
-    return found + _instances(layer, space, instanced_glasses(layer))
+    return found + _instances(layer, space, named_glasses(layer))
 
 
 def profiles(

@@ -621,7 +621,7 @@ def _looks(space: bpy.types.SpaceView3D, engine: str) -> tuple:
 def _unmarked(layer: bpy.types.ViewLayer, wanted: bool) -> list[str]:
     """Have glasses marked that are not as wanted, newly added ones; lines for those that cannot."""
     problems = []
-    for obj in (*layer.objects, *instanced_glasses(layer)):
+    for obj in dict.fromkeys((*layer.objects, *instanced_glasses(layer))):
         modifier = glass_modifier(obj) if obj.type == "MESH" else None
         if modifier is None:
             continue

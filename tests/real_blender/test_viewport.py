@@ -187,6 +187,7 @@ def test_an_instance_of_a_glass_is_seen_as_the_glass(found):
     that runs between two columns of them may fall on the other one.
     """
     assert max(found["instances"]) < 100
+    assert found["instance_beside"] < 100
 
 
 def test_nothing_happens_on_a_still_scene(found):

@@ -18,7 +18,13 @@ from glass_refraction.scene.names import (
     renew_groups,
 )
 from glass_refraction.scene.rays import exits
-from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses
+from glass_refraction.scene.read.glasses import (
+    glass_modifier,
+    instanced_glasses,
+    named_glasses,
+    read_glass,
+    read_glasses,
+)
 from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of, unread
 from glass_refraction.scene.read.modifier_inputs import (
     data_path,
@@ -478,6 +484,32 @@ def test_glasses_that_instances_of_instances_show_are_seen():
     found = read_glasses(scenes.depsgraph())
     places = sorted(round(float(g.description.box.mean(axis=0)[0]), 3) for g in found)
     assert places == [0.0, 0.1, 0.1, 0.2, 0.2, 0.2, 0.3, 0.3, 0.4]
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_instances_of_a_glass_are_seen_whether_renders_show_itself_or_not(tmp_path, hidden):
+    """Blender shows what nodes instance, also of an object that is out of renders."""
+    scenes.camera()
+    scenes.striped_wall()
+    scene = scenes.settings(40, 30, samples=1, shading="TRUE", surface="GLASS")
+    glass = _own_mesh(_ball(0.03, (0.0, 0.0, 0.0)))
+    # Behind the camera.
+    glass.location, glass.hide_render = (0.0, -5.0, 0.0), hidden
+    host = _points_host("Host", glass)
+    host.location = (-0.1, 0.0, 0.08)
+    scene.collection.objects.link(host)
+    scenes.picture(scene, tmp_path)
+    assert door.status(scene).problems == []
+    assert instanced_glasses(scene.view_layers[0]) == [glass] * hidden
+    assert named_glasses(scene.view_layers[0]) == [glass]
+    assert door.memory_of(scene).covered.sum() > 100
+    # Of a collection what is out of renders shows none.
+    bpy.data.objects.remove(host)
+    collection, empty = bpy.data.collections.new("Held"), bpy.data.objects.new("Empty", None)
+    collection.objects.link(glass)
+    empty.instance_type, empty.instance_collection = "COLLECTION", collection
+    scene.collection.objects.link(empty)
+    assert named_glasses(scene.view_layers[0]) == [glass] * (not hidden)
 
 
 @pytest.mark.parametrize("way", [{"as_instance": False}, {"realise": True}])

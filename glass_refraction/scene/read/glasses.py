@@ -205,28 +205,32 @@ _NAMING_SOCKETS = ("NodeSocketObject", "NodeSocketCollection")
 
 
 def instanced_glasses(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
-    """Glass objects that do not stand in the view layer and that its objects may instance.
+    """Glass objects that renders do not show in their own places, but perhaps by instances.
 
-    Many people keep what they instance in a collection that the view layer excludes.
+    Many people keep what they instance in a collection that the view layer excludes, or out of
+    renders.
+    """
+    shown = glass_objects(view_layer, ever=True)
+    return [obj for obj in named_glasses(view_layer) if obj not in shown]
+
+
+def named_glasses(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
+    """Glass objects of which the view layer's objects may show instances, wherever they stand.
 
     They are found by what empties, particles and nodes name. The dependency graph would tell what
     is shown; but to list its instances crashes Blender where objects were deleted since.
     """
-    here = layer_objects(view_layer)
-    others = [
-        obj
-        for obj in bpy.data.objects
-        if obj.type == "MESH" and obj not in here and glass_modifier(obj) is not None
-    ]
-    if not others:
+    meshes = (obj for obj in bpy.data.objects if obj.type == "MESH")
+    glasses = [obj for obj in meshes if glass_modifier(obj) is not None]
+    if not glasses:
         return []
     named: set[bpy.types.Object] = set()
-    left = list(here)
+    left = list(layer_objects(view_layer))
     while left:
         new = set(_named_objects(left.pop())) - named
         named |= new
         left += new
-    return [obj for obj in others if obj in named and not obj.hide_render]
+    return [obj for obj in glasses if obj in named]
 
 
 def all_glasses(view_layer: bpy.types.ViewLayer) -> list[bpy.types.Object]:
@@ -247,7 +251,10 @@ def instances(
 
 
 def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
-    """The objects that an object may show instances of."""
+    """The objects that an object may show instances of.
+
+    Of a collection what is out of renders shows none; an object by itself always does.
+    """
     named = [host.instance_collection]
     for particles in host.particle_systems:
         named += [particles.settings.instance_object, particles.settings.instance_collection]
@@ -261,7 +268,7 @@ def _named_objects(host: bpy.types.Object) -> list[bpy.types.Object]:
     found = []
     for block in named:
         if isinstance(block, bpy.types.Collection):
-            found += block.all_objects
+            found += [obj for obj in block.all_objects if not obj.hide_render]
         elif isinstance(block, bpy.types.Object):
             found.append(block)
     return found

@@ -488,7 +488,8 @@ def pixels_of_glass(area, name):
 def instances():
     """How many pixels differ where an instance of the glass stands for it, also once it moved.
 
-    The glass is in a collection that the view layer excludes, as what is instanced often is.
+    The glass is in a collection that the view layer excludes, as what is instanced often is; at
+    last it stands elsewhere in the view layer.
     """
     (area,) = areas()
     flat_view(area, "SOLID")
@@ -518,6 +519,14 @@ def instances():
             shown = yield from settled(f"viewport_instance_{number}", area)
             off = np.abs(shown - picture).max(axis=2) > SEEN_STEP
             result.setdefault("instances", []).append(int(off.sum()))
+        # The glass itself stands in the view layer too, behind the eye.
+        layer.layer_collection.children[away.name].exclude = False
+        glass.delta_location, empty.location = (0.0, -2.0, 0.0), (0.0, 2.0, 0.0)
+        yield from rest()
+        shown = yield from settled("viewport_instance_beside", area)
+        off = np.abs(shown - pictures[0]).max(axis=2) > SEEN_STEP
+        result["instance_beside"] = int(off.sum())
+        glass.delta_location = (0.0, 0.0, 0.0)
     bpy.data.objects.remove(empty)
     for home in homes:
         home.objects.link(glass)
