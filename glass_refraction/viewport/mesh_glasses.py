@@ -78,13 +78,10 @@ class MeshGlasses:
         evaluated = obj.evaluated_get(depsgraph)
         glass = read_mesh_interface(evaluated, depsgraph, matrix)
         turn, stretch = polar(matrix[:3, :3])
+        # Whatever their size, instances share what is made of the mesh.
         size = np.abs(stretch).max()
-        key = (
-            obj.session_uid,
-            news.shape_of(obj),
-            *np.round(stretch / size, ROUNDED).ravel(),
-            float(f"{size:.6g}"),
-        )
+        stretch = stretch / size
+        key = (obj.session_uid, news.shape_of(obj), *np.round(stretch, ROUNDED).ravel())
         if place.key not in self._known or self._known[place.key][0] != key:
             self._find(place, key, evaluated, stretch)
         if place.key not in self._known:
@@ -92,13 +89,13 @@ class MeshGlasses:
         grown = self._known[place.key][1]
         form, tree = grown.form, grown.tree
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = turn, matrix[:3, 3] + turn @ form.middle
+        pose[:3, :3], pose[:3, 3] = turn, matrix[:3, 3] + size * turn @ form.middle
         bodies = [
             MeshBody(
                 tree,
                 seen.description.ior,
-                form.scale,
-                form.half,
+                size * form.scale,
+                tuple(size * half for half in form.half),
                 seen.description.refracted,
                 seen.description.reflected,
             )
