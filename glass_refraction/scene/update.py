@@ -31,6 +31,7 @@ from .names import RefractiveGlassError, own
 from .progress import tell
 from .rays import true
 from .rays.true import finish
+from .read.bumps import lost_bumps
 from .read.glasses import (
     all_glasses,
     glass_modifier,
@@ -104,7 +105,7 @@ def prepare(
         glasses += _editable(instanced, problems)
         for obj in filter(is_mesh_glass, glasses):
             tell_opaque(obj)
-            problems += unread(obj, opaque_bits(glass_modifier(obj)))
+            problems += unread(obj, opaque_bits(glass_modifier(obj))) + lost_bumps(obj)
     else:
         for obj in instanced:
             if obj.is_editable:

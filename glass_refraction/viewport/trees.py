@@ -22,7 +22,8 @@ NODE_TEXELS = 2
 """Four floats each: the box of a child, see `_packed`. There is no node 0; in its place is the grid
 of the boxes: its origin, and steps for a unit along each axis."""
 TRIANGLE_TEXELS = 6
-"""Of a triangle: a corner and the edges from it to the others; the normals of the corners."""
+"""Of a triangle: a corner and the edges from it to the others; the normals of the corners. Their
+fourth numbers are the corners' normals for rays from within, two each, see `_flattened`."""
 ROW_BITS = 12
 """The texture is 2 to this power texels wide."""
 MOST_TRIANGLES = 300_000
@@ -43,19 +44,27 @@ class Tree:
         begin.
     """
 
-    def __init__(self, points: np.ndarray, normals: np.ndarray, order: np.ndarray) -> None:
+    def __init__(
+        self,
+        points: np.ndarray,
+        normals: np.ndarray,
+        order: np.ndarray,
+        within: np.ndarray | None = None,
+    ) -> None:
         self.order = order
         self.leaves = leaves_of(len(order))
         self.triangles = NODE_TEXELS * self.leaves
         rows = self.triangles + TRIANGLE_TEXELS * LEAF * self.leaves
         self.texels = np.zeros((rows, 4), np.float32)
-        self._write(points, normals)
+        self._write(points, normals, within)
 
-    def refitted(self, points: np.ndarray, normals: np.ndarray) -> Tree:
+    def refitted(
+        self, points: np.ndarray, normals: np.ndarray, within: np.ndarray | None = None
+    ) -> Tree:
         """The tree of as many triangles (T, 3, 3) in other places, in the same order."""
-        return Tree(points, normals, self.order)
+        return Tree(points, normals, self.order, within)
 
-    def _write(self, points: np.ndarray, normals: np.ndarray) -> None:
+    def _write(self, points: np.ndarray, normals: np.ndarray, within: np.ndarray | None) -> None:
         bounds = bounds_of(len(self.order), self.leaves)
         points, normals = points[self.order], normals[self.order]
         leaf = np.repeat(np.arange(self.leaves), np.diff(bounds))
@@ -64,6 +73,8 @@ class Tree:
         triangles[slot, 0, :3] = points[:, 0]
         triangles[slot, 1:3, :3] = points[:, 1:] - points[:, :1]
         triangles[slot, 3:, :3] = normals
+        if within is not None:
+            triangles[slot, :, 3] = _flattened(within[self.order]).reshape(-1, TRIANGLE_TEXELS)
         low = np.minimum.reduceat(points.min(axis=1), bounds[:-1]) - MARGIN
         high = np.maximum.reduceat(points.max(axis=1), bounds[:-1]) + MARGIN
         nodes = self.texels[: self.triangles].reshape(self.leaves, NODE_TEXELS, 4)
@@ -77,6 +88,19 @@ class Tree:
             nodes[half : 2 * half] = _packed(low, high).reshape(half, 2, 4)
             low = low.reshape(half, 2, 3).min(axis=1)
             high = high.reshape(half, 2, 3).max(axis=1)
+
+
+def _flattened(normals: np.ndarray) -> np.ndarray:
+    """(…, 2) unit normals on an octahedron that is unfolded, above 0 (Z. Cigolle et al., A Survey
+    of Efficient Representations for Independent Unit Vectors, 2014)."""
+    flat = normals / np.abs(normals).sum(axis=-1, keepdims=True)
+    sign = np.where(flat[..., :2] < 0.0, -1.0, 1.0)
+    below = (1.0 - np.abs(flat[..., 1::-1])) * sign
+    return np.where(flat[..., 2:] < 0.0, below, flat[..., :2]) + UNFOLDED
+
+
+UNFOLDED = 2.0
+"""Of the two numbers: so none of them is 0, which says that there are none."""
 
 
 def _packed(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -105,7 +129,9 @@ def bounds_of(triangles: int, parts: int) -> np.ndarray:
     return np.arange(parts + 1, dtype=np.int64) * triangles // parts
 
 
-def grow(points: np.ndarray, normals: np.ndarray) -> Iterator[Tree | None]:
+def grow(
+    points: np.ndarray, normals: np.ndarray, within: np.ndarray | None = None
+) -> Iterator[Tree | None]:
     """Sort triangles (T, 3, 3) into a tree: an axis of a level at each step, and the tree at last.
 
     Every node is halved across the axis for which rays look at the fewest triangles: a ray meets a
@@ -129,7 +155,7 @@ def grow(points: np.ndarray, normals: np.ndarray) -> Iterator[Tree | None]:
             yield None
         order = np.choose(np.argmin(costs, axis=0)[part], sorts)
         parts *= 2
-    yield Tree(points, normals, order)
+    yield Tree(points, normals, order, within)
 
 
 @dataclass(frozen=True)
@@ -188,6 +214,7 @@ class Shaped:
     Attributes
     ----------
     points, normals : (T, 3, 3), in units of `scale`. half : see `MeshBody`.
+    within : (T, 3, 3) the normals for rays that come from within, if they are others.
     middle : (3,) metres, of the frame in which `stretch` leaves the mesh.
     """
 
@@ -196,6 +223,7 @@ class Shaped:
     scale: float
     half: tuple[float, float, float]
     middle: np.ndarray
+    within: np.ndarray | None = None
 
 
 def polar(linear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -205,7 +233,12 @@ def polar(linear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return sign * left @ right, sign * (right.T * size) @ right
 
 
-def shaped(points: np.ndarray, normals: np.ndarray, stretch: np.ndarray) -> Shaped:
+def shaped(
+    points: np.ndarray,
+    normals: np.ndarray,
+    stretch: np.ndarray,
+    within: np.ndarray | None = None,
+) -> Shaped:
     """Triangles (T, 3, 3) of a mesh, stretched, in a frame of their own.
 
     Raises
@@ -213,6 +246,8 @@ def shaped(points: np.ndarray, normals: np.ndarray, stretch: np.ndarray) -> Shap
     ValueError
         They have no area.
     """
+    if within is not None:
+        within = placed(points, within, stretch, 0.0)[1]
     points, normals, _ = placed(points, normals, stretch, 0.0)
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -225,4 +260,5 @@ def shaped(points: np.ndarray, normals: np.ndarray, stretch: np.ndarray) -> Shap
         scale,
         tuple(half.tolist()),
         middle,
+        within,
     )

@@ -322,16 +322,16 @@ def test_without_a_glassy_material_the_modifiers_ior_holds():
 
 
 def test_what_is_not_read_of_materials_is_told():
-    """A bump was left out, and nothing said so."""
+    """Something was left out, and nothing said so."""
     obj = _ball()
     glass = _material("ShaderNodeBsdfGlass")
     obj.data.materials.append(glass)
     assert unread(_own_mesh(obj), 0) == []
     tree = glass.node_tree
     shader = next(n for n in tree.nodes if n.type == "BSDF_GLASS")
-    tree.links.new(tree.nodes.new("ShaderNodeBump").outputs[0], shader.inputs["Normal"])
+    tree.links.new(tree.nodes.new("ShaderNodeFresnel").outputs[0], shader.inputs["Roughness"])
     (without,) = unread(obj, 0)
-    assert "as Normal:" in without
+    assert "as Roughness:" in without
     scenes.camera()
     door.prepare(scenes.settings(shading="TRUE"), scenes.depsgraph())
     assert without in door.status(bpy.context.scene).problems

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...optics.boxes import apart
 from ..read.glasses import Glass
+from ..read.mesh_glasses import MeshGlass
 from .caster import Caster
 from .things import Triangles
 
@@ -21,7 +22,8 @@ class _Group:
     """Meshes of which no two overlap.
 
     `glass`: (T,) number of each triangle's glass. `points`, `normals`: (T, 3, 3), `flat`: (T, 3).
-    `is_smooth`: (T,) whether the normal changes over the triangle. `slopes`: see `_slopes`.
+    `is_smooth`: (T,) whether not all normals of the triangle are one. `slopes`: see `_slopes`.
+    `within`: (T, 3, 3) the normals for rays that come from within; None: the same.
     """
 
     caster: Caster
@@ -31,6 +33,7 @@ class _Group:
     flat: np.ndarray
     is_smooth: np.ndarray
     slopes: np.ndarray
+    within: np.ndarray | None
 
     def meet(self, origins: np.ndarray, directions: np.ndarray) -> tuple:
         """Number of the glass (L,), metres (L,), true and interpolated normal (L, 3)."""
@@ -46,7 +49,11 @@ class _Group:
         hit, number = hit[some], number[some]
         places = origins[hit] + way[hit, None] * directions[hit]
         shares = _shares(self.points[number, 0], self.slopes[number], places)
-        smooth[hit] = np.einsum("nk,nkd->nd", shares, self.normals[number])
+        normals = self.normals[number]
+        if self.within is not None:
+            leaves = (directions[hit] * self.flat[number]).sum(axis=1) > 0.0
+            normals[leaves] = self.within[number[leaves]]
+        smooth[hit] = np.einsum("nk,nkd->nd", shares, normals)
         return glass, way, flat, smooth
 
 
@@ -79,6 +86,10 @@ class GlassMeshes:
             flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
             flat /= np.linalg.norm(flat, axis=1, keepdims=True)
             normals = np.concatenate([mesh.normals for mesh in chosen])
+            within, first = _within(chosen), normals[:, :1]
+            is_smooth = (normals != first).any(axis=(1, 2))
+            if within is not None:
+                is_smooth |= (within != first).any(axis=(1, 2))
             corners = np.arange(3 * len(points), dtype=np.int32).reshape(-1, 3)
             caster.aim(Triangles(points.reshape(-1, 3), corners), centre, scale)
             self._groups.append(
@@ -88,8 +99,9 @@ class GlassMeshes:
                     points,
                     normals,
                     flat,
-                    (normals != normals[:, :1]).any(axis=(1, 2)),
+                    is_smooth,
                     _slopes(points),
+                    within,
                 )
             )
 
@@ -101,6 +113,12 @@ class GlassMeshes:
         found = (group.meet(origins, directions) for group in self._groups)
         return tuple(np.stack(part) for part in zip(*found, strict=True))
 
+
+def _within(meshes: Sequence[MeshGlass]) -> np.ndarray | None:
+    """The meshes' normals for rays that come from within, if they are others."""
+    if all(mesh.within is None for mesh in meshes):
+        return None
+    return np.concatenate([m.normals if m.within is None else m.within for m in meshes])
 
 def _slopes(corners: np.ndarray) -> np.ndarray:
     """(T, 2, 3) how the shares of the second and third corner grow over triangles (T, 3, 3)."""

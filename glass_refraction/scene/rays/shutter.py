@@ -123,14 +123,21 @@ def _between(first: Moment, second: Moment, part: float, time: float) -> Moment:
 def _between_glasses(first: Glass, second: Glass, part: float) -> Glass:
     a, b = first.description, second.description
     if first.is_mesh:
-        normals = _mixed(a.normals, b.normals, part)
-        length = np.linalg.norm(normals, axis=2, keepdims=True)
-        normals /= np.where(length > 0.0, length, 1.0)
-        mesh = replace(a, points=_mixed(a.points, b.points, part), normals=normals)
+        normals = _mixed_normals(a.normals, b.normals, part)
+        bumps = a.within is not None and b.within is not None
+        within = _mixed_normals(a.within, b.within, part) if bumps else None
+        points = _mixed(a.points, b.points, part)
+        mesh = replace(a, points=points, normals=normals, within=within)
         return replace(first, description=mesh)
     pose = _mixed(first.to_world, second.to_world, part)
     pose[:3, :3] = _turned(first.to_world[:3, :3], second.to_world[:3, :3], part)
     return replace(first, to_world=pose)
+
+
+def _mixed_normals(first: np.ndarray, second: np.ndarray, part: float) -> np.ndarray:
+    normals = _mixed(first, second, part)
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    return normals / np.where(length > 0.0, length, 1.0)
 
 
 def _mixed(first: np.ndarray, second: np.ndarray, part: float) -> np.ndarray:

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..build.bump_tree import prepare_bumps
 from ..build.compositor import group_node, has_group, insert_group
 from ..build.mirrored import prepare_mirrored, remove_mirrored, write_mirrored
 from ..build.own_scenes import (
@@ -36,10 +37,13 @@ from ..read.glasses import (
     as_bodies,
     glass_modifier,
     glass_objects,
+    instanced_glasses,
+    is_mesh_glass,
     is_shown,
     read_glasses,
 )
 from ..read.light_linking import is_mirrored
+from ..read.mesh_glasses import glassy_materials
 from ..read.modifier_inputs import has_input, read_input
 from ..read.sources import source_objects
 from ..read.viewpoint import (
@@ -137,6 +141,8 @@ def prepare(scene: bpy.types.Scene) -> None:
         cast.view_layers[0].use = False
         synchronise(cast.view_layers[0])
     glasses = glass_objects(rendered_layer(scene), ever=True)
+    bumpy = (next(iter(glassy_materials(g)), None) for g in _mesh_glasses(scene))
+    prepare_bumps(cast.collection.children[0], list(dict.fromkeys(filter(None, bumpy))))
     prepare_mirrored(scene, cast, [glass for glass in glasses if glass.is_editable])
     views = [own_scene(scene, CAPTURE, number) for number in range(ROOM.captures)]
     views += [own_scene(scene, SKY, number) for number in range(ROOM.skies)]
@@ -154,6 +160,13 @@ def prepare(scene: bpy.types.Scene) -> None:
     for changed in (scene, cast, *views):
         for layer in changed.view_layers:
             synchronise(layer)
+
+
+def _mesh_glasses(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The glasses that are meshes, in whatever frame, and those that are instanced."""
+    layer = rendered_layer(scene)
+    glasses = glass_objects(layer, ever=True) + instanced_glasses(layer)
+    return list(filter(is_mesh_glass, glasses))
 
 
 def _structure(scene: bpy.types.Scene) -> str:

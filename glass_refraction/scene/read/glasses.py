@@ -16,12 +16,15 @@ from ...optics.axial import AxialGlass
 from ...optics.revolution import nested
 from ..names import RefractiveGlassError, own
 from .animation import may_change
+from .bumps import Bumps
 from .mesh_glasses import (
+    Corners,
     MeshGlass,
     interface_of,
     opaque_bits,
+    placed_corners,
     placed_opaque,
-    placed_triangles,
+    triangles_of,
     volume_absorption,
 )
 from .modifier_inputs import data_path, has_input, read_input
@@ -353,11 +356,11 @@ def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = No
     ------
     RefractiveGlassError
     """
-    glasses, wrong, known = [], [], {}
+    glasses, wrong, bumps = [], [], Bumps()
 
     def read(obj: bpy.types.Object, *place) -> None:
         try:
-            glasses.append(read_glass(obj, depsgraph, *place, known=known))
+            glasses.append(read_glass(obj, depsgraph, *place, bumps=bumps))
         except RefractiveGlassError as error:
             if problems is None:
                 raise
@@ -371,7 +374,7 @@ def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = No
             read(obj, np.array(instance.matrix_world, float))
     if problems is not None:
         # Of each instance the same.
-        problems.extend(dict.fromkeys(wrong))
+        problems.extend(dict.fromkeys(wrong + bumps.problems))
     return glasses
 
 
@@ -380,14 +383,14 @@ def read_glass(
     depsgraph: bpy.types.Depsgraph,
     to_world: np.ndarray | None = None,
     *,
-    known: dict | None = None,
+    bumps: Bumps | None = None,
 ) -> Glass:
     """One glass object as it is evaluated in the depsgraph.
 
     Parameters
     ----------
     to_world : (4, 4) of an instance of it; by default the object's own.
-    known : see `placed_triangles`.
+    bumps : what is known of those of meshes; None: they are left out.
 
     Raises
     ------
@@ -404,8 +407,11 @@ def read_glass(
         bits = opaque_bits(modifier)
 
         def shape_of_mesh() -> tuple[np.ndarray, ...]:
-            triangles = placed_triangles(evaluated.data, to_world, bits, known)
-            return (*triangles, placed_opaque(evaluated, to_world, bits))
+            if bumps is None:
+                corners = Corners(*triangles_of(evaluated.data, bits))
+            else:
+                corners = bumps.of(evaluated, depsgraph, bits, to_world)
+            return (*placed_corners(corners, to_world), placed_opaque(evaluated, to_world, bits))
 
         return _read_mesh(evaluated, depsgraph, to_world, shape_of_mesh)
     _check_place(to_world, obj.name)
@@ -463,22 +469,23 @@ def read_mesh_interface(
     RefractiveGlassError
     """
     nothing = np.zeros((0, 3, 3))
-    return _read_mesh(evaluated, depsgraph, to_world, lambda: (nothing,) * 3)
+    return _read_mesh(evaluated, depsgraph, to_world, lambda: (nothing, nothing, None, nothing))
 
 
 def _read_mesh(
     evaluated: bpy.types.Object,
     depsgraph: bpy.types.Depsgraph,
     to_world: np.ndarray,
-    shape: Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    shape: Callable[[], tuple],
 ) -> Glass:
-    """A glass that is a mesh; ``shape`` gives its points, normals and opaque triangles."""
+    """A glass that is a mesh; ``shape`` gives its points, its normals, those from within and its
+    opaque triangles."""
     name, modifier = evaluated.name, glass_modifier(evaluated)
     _check_place(to_world, name)
     try:
         interface = interface_of(evaluated, depsgraph, float(read_input(modifier, "IOR")))
-        points, normals, opaque = shape()
-        description = MeshGlass(points, normals, opaque=opaque, **vars(interface))
+        points, normals, within, opaque = shape()
+        description = MeshGlass(points, normals, opaque=opaque, within=within, **vars(interface))
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
         clear, inside = _absorption(modifier, description, scale)

@@ -48,6 +48,7 @@ class MeshGlass:
         they are refracted and reflected, beside Fresnel's law.
     opaque : (K, 3, 3) corners of the triangles of the mesh that are no glass: with these it
         encloses what is within.
+    within : (T, 3, 3) the normals for rays that come from within, if bumps make them others.
     """
 
     points: np.ndarray
@@ -57,6 +58,7 @@ class MeshGlass:
     refracted: tuple[float, float, float] = CLEAR
     reflected: tuple[float, float, float] = CLEAR
     opaque: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    within: np.ndarray | None = None
 
     has_contents: ClassVar[bool] = False
 
@@ -74,7 +76,7 @@ class MeshGlass:
 
     def _parts(self) -> tuple:
         own = self.ior, self.roughness, self.refracted, self.reflected
-        return (*own, self.points, self.normals, self.opaque)
+        return (*own, self.points, self.normals, self.opaque, self.within)
 
     def recoloured(self, glass: Callable[[float], float], _contents) -> MeshGlass:
         """The same glass as light of another colour finds it, from its ior."""
@@ -101,8 +103,25 @@ class Interface:
     reflected: tuple[float, float, float] = CLEAR
 
 
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners of a mesh's triangles in its own frame.
+
+    Attributes
+    ----------
+    points, normals : (T, 3, 3), see `triangles_of`.
+    within : (T, 3, 3) the normals for rays that come from within, if bumps make them others.
+    gap : radians by which normals of bumps miss between the corners, at most.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    within: np.ndarray | None = None
+    gap: float = 0.0
+
+
 def placed_triangles(
-    mesh: bpy.types.Mesh, to_world: np.ndarray, opaque: int = 0, known: dict | None = None
+    mesh: bpy.types.Mesh, to_world: np.ndarray, opaque: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points and unit normals (T, 3, 3) of an evaluated mesh's triangles in the world.
 
@@ -110,22 +129,33 @@ def placed_triangles(
     ----------
     to_world : (4, 4), any that has an inverse.
     opaque : see `triangles_of`.
-    known : what was read of meshes before, by their address: instances share it.
 
     Raises
     ------
     ValueError
         No faces, or coordinates that are no numbers.
     """
-    key, known = mesh.as_pointer(), {} if known is None else known
-    if key not in known:
-        known[key] = triangles_of(mesh, opaque)
-    points, normals = known[key]
-    points, normals, area = placed(points, normals, to_world[:3, :3], to_world[:3, 3])
+    return placed_corners(Corners(*triangles_of(mesh, opaque)), to_world)[:2]
+
+
+def placed_corners(corners: Corners, to_world: np.ndarray) -> tuple:
+    """Points and unit normals (T, 3, 3) of triangles in the world, those from within or None.
+
+    Raises
+    ------
+    ValueError
+        None of them has an area.
+    """
+    place = to_world[:3, :3], to_world[:3, 3]
+    points, normals, area = placed(corners.points, corners.normals, *place)
     kept = area > 0.0
     if not kept.any():
         raise ValueError("its mesh has no area")
-    return np.ascontiguousarray(points[kept]), np.ascontiguousarray(normals[kept])
+    found = [points, normals]
+    if corners.within is not None:
+        found.append(placed(corners.points, corners.within, *place)[1])
+    found = [np.ascontiguousarray(part[kept]) for part in found]
+    return (*found, None)[:3]
 
 
 def triangles_of(mesh: bpy.types.Mesh, opaque: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -247,14 +277,15 @@ def unread(obj: bpy.types.Object, opaque: int) -> list[str]:
     if not materials:
         return []
     found, node = [], interface_node(materials[0])
-    linked = [i.name for i in node.inputs if any(not link.is_muted for link in i.links)]
+    # Of normals `bumps.lost_bumps` tells.
+    links = ((i.name, i.links) for i in node.inputs if i.name != "Normal")
+    linked = [name for name, of in links if any(not link.is_muted for link in of)]
     others = (node.inputs.get(name) for name in _BESIDE_GLASS)
     linked += [i.name for i in others if i is not None and not i.is_linked and i.default_value]
     if linked:
         found.append(
             f'Glass "{obj.name}" is seen without what its material "{materials[0].name}" has as '
-            f"{', '.join(linked)}: it takes plain values of a glass (instead of bumps a Displace "
-            "modifier works)"
+            f"{', '.join(linked)}: it takes plain values of a glass"
         )
     index = np.empty(len(obj.data.polygons), np.int32)
     obj.data.polygons.foreach_get("material_index", index)

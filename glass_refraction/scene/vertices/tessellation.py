@@ -12,13 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ... import optics
-from ..read.viewpoint import Viewpoint
+
+if TYPE_CHECKING:
+    from ..read.viewpoint import Viewpoint
 
 MAX_VERTICES = 100_000
 """Refinement stops here; the bound that is reported then tells what was reached."""

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Own geometry trees that evaluate the bumps of materials in any places."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..names import TAG, hidden_name, own
+from ..read.bump_recipe import Recipe
+from ..read.bumps import BUMPS, FIELD, OF_MATERIAL, STRUCTURE, bumps_of, find_points, write_values
+from .own_scenes import new_object, remove_objects
+
+
+def prepare_bumps(collection: bpy.types.Collection, materials: list[bpy.types.Material]) -> None:
+    """Have an own collection hold points to evaluate these materials' bumps in, and no others."""
+    wanted = {m.name_full: bumps_of(m) for m in materials}
+    recipes = {name: recipe for name, recipe in wanted.items() if isinstance(recipe, Recipe)}
+    stale = [
+        obj
+        for obj in collection.objects
+        if own(obj, BUMPS)
+        and (
+            obj[OF_MATERIAL] not in recipes or obj[STRUCTURE] != recipes[obj[OF_MATERIAL]].structure
+        )
+    ]
+    trees = [obj.modifiers[0].node_group for obj in stale if obj.modifiers]
+    remove_objects(stale)
+    for tree in trees:
+        if tree is not None and not tree.users:
+            bpy.data.node_groups.remove(tree)
+    for name, recipe in recipes.items():
+        if find_points(collection, name) is None:
+            points = new_object(BUMPS, bpy.data.meshes.new(hidden_name(BUMPS)), collection)
+            points[OF_MATERIAL], points[STRUCTURE] = name, recipe.structure
+            points.modifiers.new("Bumps", "NODES").node_group = _tree(recipe)
+
+
+def _tree(recipe: Recipe) -> bpy.types.NodeTree:
+    """Stores what each stage of the bumps takes in attributes of the points."""
+    tree = bpy.data.node_groups.new(hidden_name(BUMPS), "GeometryNodeTree")
+    tree[TAG] = BUMPS
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    made = []
+    for number, (kind, properties) in enumerate(recipe.nodes):
+        node = tree.nodes.new(kind)
+        node.name = str(number)
+        for name, value in properties:
+            setattr(node, name, value)
+        made.append(node)
+    write_values(tree, recipe)
+
+    def socket(sockets, identifier: str) -> bpy.types.NodeSocket:
+        return next(s for s in sockets if s.identifier == identifier)
+
+    for first, output, second, name in recipe.links:
+        tree.links.new(socket(made[first].outputs, output), socket(made[second].inputs, name))
+    geometry = tree.nodes.new("NodeGroupInput").outputs["Geometry"]
+    for stage, fields in enumerate(recipe.fields):
+        for part, (node, output) in enumerate(fields):
+            store = tree.nodes.new("GeometryNodeStoreNamedAttribute")
+            store.data_type = "FLOAT_VECTOR"
+            store.inputs["Name"].default_value = FIELD.format(stage, part)
+            tree.links.new(geometry, store.inputs["Geometry"])
+            tree.links.new(socket(made[node].outputs, output), store.inputs["Value"])
+            geometry = store.outputs["Geometry"]
+    tree.links.new(geometry, tree.nodes.new("NodeGroupOutput").inputs["Geometry"])
+    return tree

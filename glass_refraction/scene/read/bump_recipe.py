@@ -1,0 +1,413 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What nodes make a material's bumps, as plain values: what the extension builds its own tree of.
+
+Shader nodes cannot be evaluated in places of one's choice. Most textures and maths are nodes of
+geometry trees too, by the same code; the others are told by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import bpy
+
+GENERATED, OBJECT, WORLD, NORMAL, UV = "generated", "object", "world", "normal", "uv "
+"""Coordinates that the points of a tree carry as attributes; that of a UV map ends in its name."""
+
+
+class Untranslatable(Exception):
+    """What cannot be evaluated, for the user."""
+
+
+Out = tuple[int, str]
+"""An output: the number of its node, and its identifier."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A node that tilts normals; the next one tilts what it gives.
+
+    Attributes
+    ----------
+    kind : "BUMP", "DISPLACEMENT", or the space of a normal map.
+    inverts : heights are depths.
+    uv : the UV map of a normal map in tangent space; empty: the one that renders use.
+    """
+
+    kind: str
+    inverts: bool = False
+    uv: str = ""
+
+    @property
+    def is_map(self) -> bool:
+        """Whether the normal itself is given, no height."""
+        return self.kind not in {"BUMP", "DISPLACEMENT"}
+
+
+@dataclass
+class Recipe:
+    """Nodes of a geometry tree, and what they compute.
+
+    Attributes
+    ----------
+    nodes : (idname, properties) of each. links : (node, output, node, input), by identifiers.
+    values : (node, socket or part, value) of what may be animated.
+    stages : what tilts the normals, in order. fields : of each stage the vector it takes: height,
+        strength and distance; or the colour and, of another node, the strength.
+    coordinates : attributes that are read.
+    images : what is looked up: session uid, path and size of each.
+    """
+
+    nodes: list[tuple[str, tuple]] = field(default_factory=list)
+    links: list[tuple[int, str, int, str]] = field(default_factory=list)
+    values: list[tuple[int, str, object]] = field(default_factory=list)
+    stages: list[Stage] = field(default_factory=list)
+    fields: list[tuple[Out, ...]] = field(default_factory=list)
+    coordinates: set[str] = field(default_factory=set)
+    images: list[tuple] = field(default_factory=list)
+
+    @property
+    def structure(self) -> str:
+        """What is the same as long as only values change."""
+        parts = [(node, name, _size(value)) for node, name, value in self.values]
+        return repr((self.nodes, self.links, self.stages, self.fields, parts))
+
+    def stamp(self) -> tuple:
+        """Equal stamps give equal bumps in equal places."""
+        return self.structure, repr(self.values), repr(self.images)
+
+    @property
+    def is_of_world(self) -> bool:
+        """Whether it matters where and how turned a glass stands."""
+        return WORLD in self.coordinates or any(s.kind.endswith("WORLD") for s in self.stages)
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether slopes are asked for."""
+        return not all(stage.is_map for stage in self.stages)
+
+
+def _size(value) -> int:
+    return len(value) if isinstance(value, tuple) else 0
+
+
+def recipe_of(material: bpy.types.Material, shader: bpy.types.ShaderNode) -> Recipe | None:
+    """How a material tilts the normals of its (glass) shader; None: not at all.
+
+    Raises
+    ------
+    Untranslatable
+    """
+    reader = _Reader(Recipe())
+    end = material.node_tree.get_output_node("ALL")
+    if end is not None and material.displacement_method == "BUMP":
+        reader.displacement(end.inputs["Displacement"])
+    reader.normal(shader.inputs["Normal"], ())
+    return reader.recipe if reader.recipe.stages else None
+
+
+_SAME = {
+    f"ShaderNode{name}"
+    for name in (
+        *("Clamp", "CombineXYZ", "FloatCurve", "Gamma", "MapRange", "Math", "Mix", "MixRGB"),
+        *("RGBCurve", "RadialTiling", "SeparateXYZ", "TexBrick", "TexChecker", "TexGabor"),
+        *("TexGradient", "TexMagic", "TexNoise", "TexVoronoi", "TexWave", "TexWhiteNoise"),
+        *("ValToRGB", "VectorCurve", "VectorMath", "VectorRotate"),
+    )
+}
+_OTHER_NAMES = {
+    "ShaderNodeTexImage": "GeometryNodeImageTexture",
+    "ShaderNodeSeparateColor": "FunctionNodeSeparateColor",
+    "ShaderNodeCombineColor": "FunctionNodeCombineColor",
+}
+_BY_POSITION = ("Gradient", "Magic", "Noise", "Voronoi", "Wave", "Brick", "Checker", "Gabor")
+_PLACED = {f"ShaderNodeTex{name}" for name in _BY_POSITION}
+"""Textures that lie by generated coordinates where nothing is linked."""
+_GENERAL = {p.identifier for p in bpy.types.Node.bl_rna.properties}
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+Groups = tuple[bpy.types.ShaderNode, ...]
+"""The group nodes that one is in, the innermost last."""
+
+
+class _Reader:
+    """Goes through a material's nodes, from what they lead to backwards."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.recipe = recipe
+        self._known: dict[tuple, Out] = {}
+
+    def displacement(self, socket: bpy.types.NodeSocket) -> None:
+        """What is to be displaced and is shown as bumps."""
+        node, _, groups = self._origin(socket, ())
+        if node is None:
+            return
+        if node.type != "DISPLACEMENT":
+            raise Untranslatable(node.bl_label)
+        place = self._node("ShaderNodeMath", operation="SUBTRACT")
+        self._feed(node.inputs["Height"], place, "Value", groups)
+        self._feed(node.inputs["Midlevel"], place, "Value_001", groups)
+        scaled = self._node("ShaderNodeMath", operation="MULTIPLY")
+        self._link((place, "Value"), scaled, "Value")
+        self._feed(node.inputs["Scale"], scaled, "Value_001", groups)
+        both = self._node("ShaderNodeCombineXYZ")
+        self._link((scaled, "Value"), both, "X")
+        for name in ("Y", "Z"):
+            self.recipe.values.append((both, name, 1.0))
+        kind = "DISPLACEMENT" if node.space == "OBJECT" else "BUMP"
+        self._stage(Stage(kind), (both, "Vector"))
+
+    def normal(self, socket: bpy.types.NodeSocket, groups: Groups) -> None:
+        """What a shader takes as its normal."""
+        node, _, groups = self._origin(socket, groups)
+        if node is None:
+            return
+        if node.type == "BUMP":
+            self.normal(node.inputs["Normal"], groups)
+            if not self._is_linked(node.inputs["Height"], groups):
+                # As high everywhere.
+                return
+            both = self._node("ShaderNodeCombineXYZ")
+            for source, name in (("Height", "X"), ("Strength", "Y"), ("Distance", "Z")):
+                self._feed(node.inputs[source], both, name, groups)
+            self._stage(Stage("BUMP", node.invert), (both, "Vector"))
+        elif node.type == "NORMAL_MAP":
+            colour, strength = (self._node("ShaderNodeVectorMath", operation="ADD") for _ in "12")
+            self._feed(node.inputs["Color"], colour, "Vector", groups)
+            self._feed(node.inputs["Strength"], strength, "Vector", groups)
+            if node.space == "TANGENT":
+                self.recipe.coordinates.add(UV + node.uv_map)
+            # It starts from the mesh's own normal.
+            del self.recipe.stages[:], self.recipe.fields[:]
+            kind = Stage(node.space, uv=node.uv_map)
+            self._stage(kind, (colour, "Vector"), (strength, "Vector"))
+        else:
+            raise Untranslatable(node.bl_label)
+
+    def _stage(self, stage: Stage, *fields: Out) -> None:
+        self.recipe.stages.append(stage)
+        self.recipe.fields.append(fields)
+
+    def _is_linked(self, socket: bpy.types.NodeSocket, groups: Groups) -> bool:
+        return self._origin(socket, groups)[0] is not None
+
+    def _origin(self, socket: bpy.types.NodeSocket, groups: Groups) -> tuple:
+        """The node and output that lead to an input, past groups and what does nothing; and in
+        which groups. Without a link None, and the input that has the value."""
+        while True:
+            links = [link for link in socket.links if not link.is_muted and link.is_valid]
+            if not links:
+                return None, socket, groups
+            node, output = links[0].from_node, links[0].from_socket
+            if node.type == "REROUTE":
+                socket = node.inputs[0]
+            elif node.mute:
+                through = [k.from_socket for k in node.internal_links if k.to_socket == output]
+                if not through:
+                    return None, socket, groups
+                socket = through[0]
+            elif node.type == "GROUP_INPUT":
+                socket = _by_identifier(groups[-1].inputs, output.identifier)
+                groups = groups[:-1]
+            elif node.type == "GROUP" and node.node_tree is not None:
+                inner = (n for n in node.node_tree.nodes if n.type == "GROUP_OUTPUT")
+                end = next((n for n in inner if n.is_active_output), None)
+                if end is None:
+                    return None, socket, groups
+                groups = (*groups, node)
+                socket = _by_identifier(end.inputs, output.identifier)
+            else:
+                return node, output, groups
+
+    def _node(self, kind: str, **properties) -> int:
+        self.recipe.nodes.append((kind, tuple(properties.items())))
+        return len(self.recipe.nodes) - 1
+
+    def _link(self, output: Out, node: int, name: str) -> None:
+        self.recipe.links.append((*output, node, name))
+
+    def _feed(self, socket, node: int, name: str, groups: Groups) -> None:
+        """Have an input of an own node be what an input of the material is."""
+        source, found, inner = self._origin(socket, groups)
+        if source is not None:
+            self._link(self._output(source, found, inner), node, name)
+        elif hasattr(found, "default_value"):
+            self.recipe.values.append((node, name, _plain(found.default_value)))
+
+    def _output(self, node, output, groups: Groups) -> Out:
+        """An own node's output that is what a material node's is."""
+        key = node.as_pointer(), tuple(g.as_pointer() for g in groups), output.identifier
+        if key not in self._known:
+            self._known[key] = self._made(node, output, groups)
+        return self._known[key]
+
+    def _made(self, node, output, groups: Groups) -> Out:
+        special = _SPECIAL.get(node.bl_idname)
+        if special is not None:
+            return special(self, node, output, groups)
+        kind = node.bl_idname if node.bl_idname in _SAME else _OTHER_NAMES.get(node.bl_idname)
+        if kind is None:
+            raise Untranslatable(node.bl_label)
+        outputs = {name: name for name in (s.identifier for s in node.outputs)}
+        whole = node.as_pointer(), tuple(g.as_pointer() for g in groups)
+        if whole not in self._known:
+            number = self._node(kind, **_properties(node))
+            self._known[whole] = number, ""
+            if kind == "GeometryNodeImageTexture":
+                self._image(node, number)
+            for part, value in _parts(node):
+                self.recipe.values.append((number, part, value))
+            for socket in node.inputs:
+                if not socket.enabled and not socket.is_linked:
+                    continue
+                if socket.identifier != "Vector" or self._is_linked(socket, groups):
+                    self._feed(socket, number, socket.identifier, groups)
+                elif node.bl_idname in _PLACED:
+                    self._link(self._coordinate(GENERATED), number, "Vector")
+                elif kind == "GeometryNodeImageTexture":
+                    self._link(self._coordinate(UV), number, "Vector")
+                else:
+                    self._feed(socket, number, socket.identifier, groups)
+        return self._known[whole][0], outputs[output.identifier]
+
+    def _image(self, node, number: int) -> None:
+        image = node.image
+        if image is None or image.source not in {"FILE", "GENERATED"} or node.projection != "FLAT":
+            raise Untranslatable(f"{node.bl_label} of a movie, of tiles or by a projection")
+        image = image.original
+        self.recipe.images.append((image.session_uid, image.filepath, *image.size))
+        extension = "CLIP" if node.extension == "CLIP" else node.extension
+        smooth = {"Linear": "Linear", "Closest": "Closest"}.get(node.interpolation, "Cubic")
+        kind, _ = self.recipe.nodes[number]
+        properties = (("interpolation", smooth), ("extension", extension))
+        self.recipe.nodes[number] = kind, properties
+        self.recipe.values.append((number, "image", image.session_uid))
+
+    def _coordinate(self, name: str) -> Out:
+        """The attribute that holds a coordinate."""
+        self.recipe.coordinates.add(name)
+        key = "coordinate", name
+        if key not in self._known:
+            number = self._node("GeometryNodeInputNamedAttribute", data_type="FLOAT_VECTOR")
+            self.recipe.values.append((number, "Name", attribute_of(name)))
+            self._known[key] = number, "Attribute"
+        return self._known[key]
+
+    def _coordinates(self, node, output, _groups) -> Out:
+        found = _COORDINATES.get((node.bl_idname, output.name))
+        if found is None or getattr(node, "object", None) or getattr(node, "from_instancer", False):
+            raise Untranslatable(f"{output.name} of {node.bl_label}")
+        return self._coordinate(found + (node.uv_map if node.bl_idname.endswith("UVMap") else ""))
+
+    def _constant(self, node, output, _groups) -> Out:
+        is_value = node.bl_idname == "ShaderNodeValue"
+        number = self._node("ShaderNodeValue" if is_value else "FunctionNodeInputColor")
+        value = _plain(output.default_value)
+        self.recipe.values.append((number, "output" if is_value else "colour", value))
+        return number, "Value" if is_value else "Color"
+
+    def _grey(self, node, _output, groups) -> Out:
+        number = self._node("ShaderNodeVectorMath", operation="DOT_PRODUCT")
+        self._feed(node.inputs["Color"], number, "Vector", groups)
+        self.recipe.values.append((number, "Vector_001", _LUMINANCE))
+        return number, "Value"
+
+    def _inverted(self, node, _output, groups) -> Out:
+        away = self._node("ShaderNodeVectorMath", operation="SUBTRACT")
+        self.recipe.values.append((away, "Vector", (1.0, 1.0, 1.0)))
+        self._feed(node.inputs["Color"], away, "Vector_001", groups)
+        mix = self._node("ShaderNodeMix", data_type="VECTOR", clamp_factor=False)
+        self._feed(node.inputs["Fac"], mix, "Factor_Float", groups)
+        self._feed(node.inputs["Color"], mix, "A_Vector", groups)
+        self._link((away, "Vector"), mix, "B_Vector")
+        return mix, "Result_Vector"
+
+    def _mapped(self, node, _output, groups) -> Out:
+        """A Mapping node as vector maths."""
+        kind = node.vector_type
+        if not self._is_linked(node.inputs["Vector"], groups):
+            raise Untranslatable(f"{node.bl_label} of nothing")
+
+        def step(operation: str, last: Out | None, name: str) -> Out:
+            number = self._node("ShaderNodeVectorMath", operation=operation)
+            if last is None:
+                self._feed(node.inputs["Vector"], number, "Vector", groups)
+            else:
+                self._link(last, number, "Vector")
+            self._feed(node.inputs[name], number, "Vector_001", groups)
+            return number, "Vector"
+
+        def turned(last: Out) -> Out:
+            number = self._node(
+                "ShaderNodeVectorRotate", rotation_type="EULER_XYZ", invert=kind == "TEXTURE"
+            )
+            self._link(last, number, "Vector")
+            self._feed(node.inputs["Rotation"], number, "Rotation", groups)
+            return number, "Vector"
+
+        if kind == "TEXTURE":
+            return step("DIVIDE", turned(step("SUBTRACT", None, "Location")), "Scale")
+        if kind == "NORMAL":
+            number = self._node("ShaderNodeVectorMath", operation="NORMALIZE")
+            self._link(turned(step("DIVIDE", None, "Scale")), number, "Vector")
+            return number, "Vector"
+        found = turned(step("MULTIPLY", None, "Scale"))
+        return step("ADD", found, "Location") if kind == "POINT" else found
+
+
+_COORDINATES = {
+    ("ShaderNodeTexCoord", "Generated"): GENERATED,
+    ("ShaderNodeTexCoord", "Object"): OBJECT,
+    ("ShaderNodeTexCoord", "Normal"): NORMAL,
+    ("ShaderNodeTexCoord", "UV"): UV,
+    ("ShaderNodeUVMap", "UV"): UV,
+    ("ShaderNodeNewGeometry", "Position"): WORLD,
+}
+_SPECIAL: dict[str, Callable[..., Out]] = {
+    "ShaderNodeTexCoord": _Reader._coordinates,
+    "ShaderNodeUVMap": _Reader._coordinates,
+    "ShaderNodeNewGeometry": _Reader._coordinates,
+    "ShaderNodeValue": _Reader._constant,
+    "ShaderNodeRGB": _Reader._constant,
+    "ShaderNodeRGBToBW": _Reader._grey,
+    "ShaderNodeInvert": _Reader._inverted,
+    "ShaderNodeMapping": _Reader._mapped,
+}
+
+
+def attribute_of(coordinate: str) -> str:
+    """The attribute of points that holds a coordinate."""
+    return f"rg_{coordinate}"
+
+
+def _by_identifier(sockets, identifier: str) -> bpy.types.NodeSocket:
+    return next(s for s in sockets if s.identifier == identifier)
+
+
+def _plain(value):
+    return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
+
+
+def _properties(node) -> dict:
+    """What a node does, beside its sockets."""
+    names = (p for p in node.bl_rna.properties if not p.is_readonly and p.type != "POINTER")
+    return {
+        p.identifier: getattr(node, p.identifier) for p in names if p.identifier not in _GENERAL
+    }
+
+
+def _parts(node) -> list[tuple[str, object]]:
+    """The values of a node that are no sockets: of colour ramps and curves."""
+    found = []
+    ramp = getattr(node, "color_ramp", None)
+    if ramp is not None:
+        ends = tuple((e.position, *e.color) for e in ramp.elements)
+        found += [("ramp", (ramp.color_mode, ramp.interpolation, ramp.hue_interpolation, ends))]
+    mapping = getattr(node, "mapping", None)
+    if mapping is not None and hasattr(mapping, "curves"):
+        for number, curve in enumerate(mapping.curves):
+            points = tuple((*p.location, p.handle_type) for p in curve.points)
+            found.append((f"curve {number}", points))
+        range_of = (mapping.use_clip, mapping.clip_min_x, mapping.clip_max_x, mapping.extend)
+        found.append(("curves", range_of))
+    return found
