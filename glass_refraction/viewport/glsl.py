@@ -36,7 +36,7 @@ from .description import (
     THING_ROWS,
 )
 from .eye import CAPTURES, LAMP_ROWS, LAMPS, WORLD
-from .trees import BITS, LEAF, NODE_TEXELS, ROW_BITS, TRIANGLE_TEXELS
+from .trees import BITS, LEAF, NODE_TEXELS, ROW_BITS, TRIANGLE_TEXELS, UNFOLDED
 
 SOURCES = Path(__file__).parent / "glsl_sources"
 
@@ -95,6 +95,7 @@ CONSTANTS = f"""
 #define NODE_TEXELS {NODE_TEXELS}
 #define TRIANGLE_TEXELS {TRIANGLE_TEXELS}
 #define ROW_BITS {ROW_BITS}
+#define UNFOLDED {UNFOLDED}
 #define GRID {2.0**BITS}
 #define HALF_GRID {2.0 ** (BITS // 2)}
 """

@@ -7,7 +7,7 @@ Views share what they make of a mesh: several may show the same scene.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from weakref import WeakValueDictionary
 
 import bpy
@@ -15,8 +15,9 @@ import numpy as np
 
 from ..optics import LINES
 from ..scene.names import RefractiveGlassError
+from ..scene.read.bumps import bump_stamp, bumping
 from ..scene.read.glasses import glass_modifier, read_mesh_interface
-from ..scene.read.mesh_glasses import opaque_bits, triangles_of
+from ..scene.read.mesh_glasses import Corners, opaque_bits, triangles_of
 from .description import Posed
 from .news import News
 from .places import Key, Place
@@ -24,6 +25,8 @@ from .trees import MOST_TRIANGLES, MeshBody, Shaped, Tree, grow, polar, shaped
 
 ROUNDED = 6
 """Digits of a stretch that count: a turn changes the last ones of single precision."""
+PATIENCE = 5.0
+"""Seconds to wait for what evaluates bumps: a timer makes it after a change."""
 QUICK_TRIANGLES = 20_000
 """So many are put where they are now while a view is drawn: it takes a few milliseconds."""
 
@@ -81,9 +84,14 @@ class MeshGlasses:
         # Whatever their size, instances share what is made of the mesh.
         size = np.abs(stretch).max()
         stretch = stretch / size
-        key = (obj.session_uid, news.shape_of(obj), *np.round(stretch, ROUNDED).ravel())
+        key = (
+            obj.session_uid,
+            news.shape_of(obj),
+            *np.round(stretch, ROUNDED).ravel(),
+            *bump_stamp(evaluated, depsgraph, matrix),
+        )
         if place.key not in self._known or self._known[place.key][0] != key:
-            self._find(place, key, evaluated, stretch)
+            self._find(place, key, evaluated, depsgraph, stretch)
         if place.key not in self._known:
             return None
         grown = self._known[place.key][1]
@@ -106,7 +114,7 @@ class MeshGlasses:
         # Without dispersion all are one.
         return posed, bands if len(bands) > 1 else [bodies[0]] * len(LINES)
 
-    def _find(self, place: Place, key: tuple, evaluated, stretch: np.ndarray) -> None:
+    def _find(self, place: Place, key: tuple, evaluated, depsgraph, stretch: np.ndarray) -> None:
         """Know a mesh as it is now, or begin to make it ready."""
         where, name = place.key, place.obj.name
         if key in _grown:
@@ -123,9 +131,10 @@ class MeshGlasses:
                     f"{MOST_TRIANGLES}: fewer in the viewport make it shown"
                 )
             form = shaped(points, normals, stretch)
+            bumps = bumping(evaluated, depsgraph, points, normals, place.to_world, PATIENCE)
         except ValueError as error:
             raise RefractiveGlassError(f'Glass "{name}": {error}') from error
-        before = self._known.get(where)
+        before = self._known.get(where) if bumps is None else None
         if before is not None and len(before[1].tree.order) == len(points) <= QUICK_TRIANGLES:
             # The same mesh, deformed: its order is as good as any.
             self._growing.pop(where, None)
@@ -136,7 +145,7 @@ class MeshGlasses:
             _grown[key] = self._known[where][1]
             return
         self._names[where] = name
-        self._growing[where] = key, _growing(form)
+        self._growing[where] = key, _growing(form) if bumps is None else _bumped(bumps, stretch)
 
     def grow(self, seconds: float) -> bool:
         """Go on for a while; whether a mesh became ready, so that glasses are to be read anew."""
@@ -155,5 +164,18 @@ class MeshGlasses:
 
 
 def _growing(form: Shaped) -> Iterator[_Grown | None]:
-    for tree in grow(form.points, form.normals):
+    for tree in grow(form.points, form.normals, form.within):
         yield None if tree is None else _Grown(form, tree)
+
+
+def _bumped(steps: Generator[None, None, Corners], stretch: np.ndarray) -> Iterator[_Grown | None]:
+    """A mesh made ready with its bumps, which nobody but a render evaluates while one goes on."""
+    while True:
+        if not bpy.app.is_job_running("RENDER"):
+            try:
+                next(steps)
+            except StopIteration as end:
+                corners = end.value
+                break
+        yield None
+    yield from _growing(shaped(corners.points, corners.normals, stretch, corners.within))

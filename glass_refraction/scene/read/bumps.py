@@ -9,6 +9,7 @@ works within a render's frame-change handler, as casts of rays do.
 from __future__ import annotations
 
 import hashlib
+import time
 from collections import OrderedDict
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
@@ -195,6 +196,8 @@ def bumped(
     scene for the material as it is.
     """
     steps = bumping(obj, depsgraph, points, normals, to_world)
+    if steps is None:
+        return Corners(points, normals)
     while True:
         try:
             next(steps)
@@ -208,12 +211,16 @@ def bumping(
     points: np.ndarray,
     normals: np.ndarray,
     to_world: np.ndarray,
-) -> Generator[None, None, Corners]:
-    """`bumped` a little at a time. What is Blender's is read before the first step."""
+    patience: float = 0.0,
+) -> Generator[None, None, Corners] | None:
+    """`bumped` a little at a time, None: without bumps. What is Blender's is read before that.
+
+    ``patience``: seconds to wait for what is not prepared yet.
+    """
     material = next(iter(glassy_materials(obj)), None)
     recipe = None if material is None else bumps_of(material.evaluated_get(depsgraph))
     if not isinstance(recipe, Recipe):
-        return _at_once(Corners(points, normals))
+        return None
     maps = {name: _uv(obj, points, name[len(UV) :]) for name in recipe.coordinates if UV in name}
     place = to_world if recipe.is_of_world else _stretch(to_world[:3, :3])
     digest = hashlib.blake2b(repr(recipe.stamp()).encode())
@@ -224,7 +231,7 @@ def bumping(
         _kept.move_to_end(key)
         return _at_once(_kept[key])
     field = _Field(material.name_full, recipe, obj.original.data, place)
-    return _remembered(key, field.refining(points, normals, maps), Corners(points, normals))
+    return _remembered(key, field, (points, normals, maps), patience)
 
 
 def _at_once(corners: Corners) -> Generator[None, None, Corners]:
@@ -233,13 +240,16 @@ def _at_once(corners: Corners) -> Generator[None, None, Corners]:
 
 
 def _remembered(
-    key: bytes, steps: Generator[None, None, Corners], plain: Corners
+    key: bytes, field: _Field, triangles: tuple, patience: float
 ) -> Generator[None, None, Corners]:
-    """What steps end with, to be kept; where nothing is prepared, what it was."""
+    """Triangles with bumps, to be kept; where nothing is prepared, as they were."""
+    until = time.perf_counter() + patience
+    while not field.is_ready() and time.perf_counter() < until:
+        yield
     try:
-        found = yield from steps
+        found = yield from field.refining(*triangles)
     except _NotReady:
-        return plain
+        return Corners(*triangles[:2])
     _kept[key] = found
     while len(_kept) > MOST_KEPT:
         _kept.popitem(last=False)
@@ -250,15 +260,18 @@ class _NotReady(Exception):
     """Nothing is prepared for a material as it is."""
 
 
-def bump_stamp(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple:
-    """Equal stamps, equal bumps of an evaluated glass in equal places; () without any."""
+def bump_stamp(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, to_world: np.ndarray
+) -> tuple:
+    """Equal stamps, equal bumps of an evaluated glass that only turns or moves; () without any."""
     material = next(iter(glassy_materials(obj)), None)
     recipe = None if material is None else bumps_of(material.evaluated_get(depsgraph))
     if not isinstance(recipe, Recipe):
         return ()
     cloud = find_points(bpy.data.objects, material.name_full)
     is_ready = cloud is not None and cloud[STRUCTURE] == recipe.structure
-    return (*recipe.stamp(), is_ready, recipe.is_of_world)
+    place = to_world.tobytes() if recipe.is_of_world else b""
+    return (*recipe.stamp(), is_ready, place)
 
 
 class Bumps:
@@ -359,11 +372,17 @@ class _Field:
         self._to_world, self._linear = to_world, to_world[:3, :3]
         counters["bumps"] += 1
 
+    def is_ready(self) -> bool:
+        """Whether there are points to evaluate in."""
+        found = find_points(bpy.data.objects, self._material)
+        is_made = found is not None and found[STRUCTURE] == self._recipe.structure
+        return is_made and bool(found.users_scene)
+
     def _cloud(self) -> bpy.types.Object:
         """The points to evaluate in, with this moment's values: others may have used them."""
-        found = find_points(bpy.data.objects, self._material)
-        if found is None or found[STRUCTURE] != self._recipe.structure or not found.users_scene:
+        if not self.is_ready():
             raise _NotReady
+        found = find_points(bpy.data.objects, self._material)
         write_values(found.modifiers[0].node_group, self._recipe)
         return found
 

@@ -104,7 +104,7 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
         v = turn_in(hit, toward);
       }
       here += way / row(9 + GLASS_ROWS * hit).x * v;
-      n = normal_at(met, spot, here, flat_);
+      n = normal_at(met, spot, v, here, flat_);
       vec4 face = row(met);
       is_mesh = int(face.x) == MESH;
       bool back = medium_in(held, hit) == int(face.z);

@@ -146,18 +146,36 @@ vec3 closed_normal(int at, float spot, inout vec3 p)
   return vec3(n.x * axis, n.y);
 }
 
-/* Unit normal towards the front of an interface at a place, which is put onto it. `flat_`: the
- * surface's own, which that of a smooth mesh differs from. */
-vec3 normal_at(int at, vec3 spot, inout vec3 p, out vec3 flat_)
+#ifdef MESHES
+/* A normal of two numbers, see `_flattened` in trees.py. */
+vec3 unfolded(float x, float y)
+{
+  vec2 f = vec2(x, y) - UNFOLDED;
+  vec3 n = vec3(f, 1.0 - abs(f.x) - abs(f.y));
+  if (n.z < 0.0) {
+    n.xy = (1.0 - abs(f.yx)) * mix(vec2(1.0), vec2(-1.0), lessThan(f, vec2(0.0)));
+  }
+  return normalize(n);
+}
+#endif
+
+/* Unit normal towards the front of an interface at a place, which is put onto it. `d`: of the ray
+ * that meets it. `flat_`: the surface's own, which that of a smooth mesh differs from. */
+vec3 normal_at(int at, vec3 spot, vec3 d, inout vec3 p, out vec3 flat_)
 {
 #ifdef MESHES
   if (int(row(at).x) == MESH) {
     int k = int(spot.x);
-    vec3 e1 = texel(k + 1).xyz, e2 = texel(k + 2).xyz;
-    p = texel(k).xyz + spot.y * e1 + spot.z * e2;
-    flat_ = normalize(cross(e1, e2));
-    vec3 n = (1.0 - spot.y - spot.z) * texel(k + 3).xyz + spot.y * texel(k + 4).xyz +
-             spot.z * texel(k + 5).xyz;
+    vec4 corner = texel(k), e1 = texel(k + 1), e2 = texel(k + 2);
+    p = corner.xyz + spot.y * e1.xyz + spot.z * e2.xyz;
+    flat_ = normalize(cross(e1.xyz, e2.xyz));
+    vec4 n0 = texel(k + 3), n1 = texel(k + 4), n2 = texel(k + 5);
+    if (corner.w > 0.0 && dot(flat_, d) > 0.0) {
+      n0.xyz = unfolded(corner.w, e1.w);
+      n1.xyz = unfolded(e2.w, n0.w);
+      n2.xyz = unfolded(n1.w, n2.w);
+    }
+    vec3 n = (1.0 - spot.y - spot.z) * n0.xyz + spot.y * n1.xyz + spot.z * n2.xyz;
     return dot(n, n) > 0.0 ? normalize(n) : flat_;
   }
 #endif
