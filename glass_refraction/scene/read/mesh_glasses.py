@@ -111,13 +111,13 @@ class Corners:
     ----------
     points, normals : (T, 3, 3), see `triangles_of`.
     within : (T, 3, 3) the normals for rays that come from within, if bumps make them others.
-    gap : radians by which normals of bumps miss between the corners, at most.
+    missed : part of the edges between whose ends bumps are other than the normals.
     """
 
     points: np.ndarray
     normals: np.ndarray
     within: np.ndarray | None = None
-    gap: float = 0.0
+    missed: float = 0.0
 
 
 def placed_triangles(
