@@ -135,7 +135,7 @@ def test_a_ramp_of_heights_tilts_faces_as_a_wedge(scale, turn):
     obj = cube(made, scale=scale, turn=turn)
     mesh = seen()
     normal = flat(mesh)[:, None]
-    # The height is the first coordinate of the object's frame: its gradient is a row of the inverse.
+    # The height is a coordinate of the object's frame: its gradient is a row of the inverse.
     slope = np.linalg.inv(np.array(obj.matrix_world)[:3, :3])[0]
     along = slope - (normal @ slope)[..., None] * normal
     for normals, sign in ((mesh.normals, -1.0), (mesh.within, 1.0)):

@@ -120,6 +120,7 @@ def _within(meshes: Sequence[MeshGlass]) -> np.ndarray | None:
         return None
     return np.concatenate([m.normals if m.within is None else m.within for m in meshes])
 
+
 def _slopes(corners: np.ndarray) -> np.ndarray:
     """(T, 2, 3) how the shares of the second and third corner grow over triangles (T, 3, 3)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

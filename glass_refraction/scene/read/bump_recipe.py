@@ -30,7 +30,7 @@ class Stage:
 
     Attributes
     ----------
-    kind : "BUMP", "DISPLACEMENT", or the space of a normal map.
+    kind : "BUMP", "DISPLACEMENT" with its space, or the space of a normal map.
     inverts : heights are depths.
     uv : the UV map of a normal map in tangent space; empty: the one that renders use.
     """
@@ -42,7 +42,7 @@ class Stage:
     @property
     def is_map(self) -> bool:
         """Whether the normal itself is given, no height."""
-        return self.kind not in {"BUMP", "DISPLACEMENT"}
+        return not self.kind.startswith(("BUMP", "DISPLACEMENT"))
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Recipe:
     nodes : (idname, properties) of each. links : (node, output, node, input), by identifiers.
     values : (node, socket or part, value) of what may be animated.
     stages : what tilts the normals, in order. fields : of each stage the vector it takes: height,
-        strength and distance; or the colour and, of another node, the strength.
+        strength and distance; height, middle and scale; or colour and, by another node, strength.
     coordinates : attributes that are read.
     images : what is looked up: session uid, path and size of each.
     """
@@ -80,7 +80,9 @@ class Recipe:
     @property
     def is_of_world(self) -> bool:
         """Whether it matters where and how turned a glass stands."""
-        return WORLD in self.coordinates or any(s.kind.endswith("WORLD") for s in self.stages)
+        return WORLD in self.coordinates or any(
+            s.is_map and s.kind.endswith("WORLD") for s in self.stages
+        )
 
     @property
     def has_heights(self) -> bool:
@@ -110,10 +112,10 @@ def recipe_of(material: bpy.types.Material, shader: bpy.types.ShaderNode) -> Rec
 _SAME = {
     f"ShaderNode{name}"
     for name in (
-        *("Clamp", "CombineXYZ", "FloatCurve", "Gamma", "MapRange", "Math", "Mix", "MixRGB"),
-        *("RGBCurve", "RadialTiling", "SeparateXYZ", "TexBrick", "TexChecker", "TexGabor"),
+        *("Clamp", "CombineXYZ", "Gamma", "MapRange", "Math", "Mix", "MixRGB"),
+        *("RadialTiling", "SeparateXYZ", "TexBrick", "TexChecker", "TexGabor"),
         *("TexGradient", "TexMagic", "TexNoise", "TexVoronoi", "TexWave", "TexWhiteNoise"),
-        *("ValToRGB", "VectorCurve", "VectorMath", "VectorRotate"),
+        *("ValToRGB", "VectorMath", "VectorRotate"),
     )
 }
 _OTHER_NAMES = {
@@ -125,7 +127,6 @@ _BY_POSITION = ("Gradient", "Magic", "Noise", "Voronoi", "Wave", "Brick", "Check
 _PLACED = {f"ShaderNodeTex{name}" for name in _BY_POSITION}
 """Textures that lie by generated coordinates where nothing is linked."""
 _GENERAL = {p.identifier for p in bpy.types.Node.bl_rna.properties}
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
 Groups = tuple[bpy.types.ShaderNode, ...]
 """The group nodes that one is in, the innermost last."""
 
@@ -140,22 +141,18 @@ class _Reader:
     def displacement(self, socket: bpy.types.NodeSocket) -> None:
         """What is to be displaced and is shown as bumps."""
         node, _, groups = self._origin(socket, ())
-        if node is None:
-            return
-        if node.type != "DISPLACEMENT":
+        if node is not None and node.type != "DISPLACEMENT":
             raise Untranslatable(node.bl_label)
-        place = self._node("ShaderNodeMath", operation="SUBTRACT")
-        self._feed(node.inputs["Height"], place, "Value", groups)
-        self._feed(node.inputs["Midlevel"], place, "Value_001", groups)
-        scaled = self._node("ShaderNodeMath", operation="MULTIPLY")
-        self._link((place, "Value"), scaled, "Value")
-        self._feed(node.inputs["Scale"], scaled, "Value_001", groups)
+        if node is not None:
+            stage = Stage(f"DISPLACEMENT {node.space}")
+            self._heights(stage, node, ("Height", "Midlevel", "Scale"), groups)
+
+    def _heights(self, stage: Stage, node, names: tuple[str, ...], groups: Groups) -> None:
+        """A stage that takes three numbers."""
         both = self._node("ShaderNodeCombineXYZ")
-        self._link((scaled, "Value"), both, "X")
-        for name in ("Y", "Z"):
-            self.recipe.values.append((both, name, 1.0))
-        kind = "DISPLACEMENT" if node.space == "OBJECT" else "BUMP"
-        self._stage(Stage(kind), (both, "Vector"))
+        for source, name in zip(names, "XYZ", strict=True):
+            self._feed(node.inputs[source], both, name, groups)
+        self._stage(stage, (both, "Vector"))
 
     def normal(self, socket: bpy.types.NodeSocket, groups: Groups) -> None:
         """What a shader takes as its normal."""
@@ -164,13 +161,10 @@ class _Reader:
             return
         if node.type == "BUMP":
             self.normal(node.inputs["Normal"], groups)
-            if not self._is_linked(node.inputs["Height"], groups):
-                # As high everywhere.
-                return
-            both = self._node("ShaderNodeCombineXYZ")
-            for source, name in (("Height", "X"), ("Strength", "Y"), ("Distance", "Z")):
-                self._feed(node.inputs[source], both, name, groups)
-            self._stage(Stage("BUMP", node.invert), (both, "Vector"))
+            # Else it is as high everywhere.
+            if self._is_linked(node.inputs["Height"], groups):
+                names = "Height", "Strength", "Distance"
+                self._heights(Stage("BUMP", node.invert), node, names, groups)
         elif node.type == "NORMAL_MAP":
             colour, strength = (self._node("ShaderNodeVectorMath", operation="ADD") for _ in "12")
             self._feed(node.inputs["Color"], colour, "Vector", groups)
@@ -199,7 +193,9 @@ class _Reader:
             if not links:
                 return None, socket, groups
             node, output = links[0].from_node, links[0].from_socket
-            if node.type == "REROUTE":
+            to_number = node.type == "RGBTOBW" and socket.type == "VALUE"
+            if node.type == "REROUTE" or to_number:
+                # A colour that is linked to a number becomes grey anyhow.
                 socket = node.inputs[0]
             elif node.mute:
                 through = [k.from_socket for k in node.internal_links if k.to_socket == output]
@@ -276,10 +272,9 @@ class _Reader:
             raise Untranslatable(f"{node.bl_label} of a movie, of tiles or by a projection")
         image = image.original
         self.recipe.images.append((image.session_uid, image.filepath, *image.size))
-        extension = "CLIP" if node.extension == "CLIP" else node.extension
         smooth = {"Linear": "Linear", "Closest": "Closest"}.get(node.interpolation, "Cubic")
         kind, _ = self.recipe.nodes[number]
-        properties = (("interpolation", smooth), ("extension", extension))
+        properties = (("interpolation", smooth), ("extension", node.extension))
         self.recipe.nodes[number] = kind, properties
         self.recipe.values.append((number, "image", image.session_uid))
 
@@ -305,12 +300,6 @@ class _Reader:
         value = _plain(output.default_value)
         self.recipe.values.append((number, "output" if is_value else "colour", value))
         return number, "Value" if is_value else "Color"
-
-    def _grey(self, node, _output, groups) -> Out:
-        number = self._node("ShaderNodeVectorMath", operation="DOT_PRODUCT")
-        self._feed(node.inputs["Color"], number, "Vector", groups)
-        self.recipe.values.append((number, "Vector_001", _LUMINANCE))
-        return number, "Value"
 
     def _inverted(self, node, _output, groups) -> Out:
         away = self._node("ShaderNodeVectorMath", operation="SUBTRACT")
@@ -369,7 +358,6 @@ _SPECIAL: dict[str, Callable[..., Out]] = {
     "ShaderNodeNewGeometry": _Reader._coordinates,
     "ShaderNodeValue": _Reader._constant,
     "ShaderNodeRGB": _Reader._constant,
-    "ShaderNodeRGBToBW": _Reader._grey,
     "ShaderNodeInvert": _Reader._inverted,
     "ShaderNodeMapping": _Reader._mapped,
 }
@@ -397,17 +385,9 @@ def _properties(node) -> dict:
 
 
 def _parts(node) -> list[tuple[str, object]]:
-    """The values of a node that are no sockets: of colour ramps and curves."""
-    found = []
+    """The values of a node that are no sockets: of a colour ramp."""
     ramp = getattr(node, "color_ramp", None)
-    if ramp is not None:
-        ends = tuple((e.position, *e.color) for e in ramp.elements)
-        found += [("ramp", (ramp.color_mode, ramp.interpolation, ramp.hue_interpolation, ends))]
-    mapping = getattr(node, "mapping", None)
-    if mapping is not None and hasattr(mapping, "curves"):
-        for number, curve in enumerate(mapping.curves):
-            points = tuple((*p.location, p.handle_type) for p in curve.points)
-            found.append((f"curve {number}", points))
-        range_of = (mapping.use_clip, mapping.clip_min_x, mapping.clip_max_x, mapping.extend)
-        found.append(("curves", range_of))
-    return found
+    if ramp is None:
+        return []
+    ends = tuple((e.position, *e.color) for e in ramp.elements)
+    return [("ramp", (ramp.color_mode, ramp.interpolation, ramp.hue_interpolation, ends))]

@@ -89,11 +89,8 @@ def lost_bumps(obj: bpy.types.Object) -> list[str]:
     ]
 
 
-def find_points(
-    objects: bpy.types.Collection | Iterable[bpy.types.Object], name: str
-) -> bpy.types.Object | None:
+def find_points(objects: Iterable[bpy.types.Object], name: str) -> bpy.types.Object | None:
     """The own points that a material's bumps are evaluated in."""
-    objects = getattr(objects, "objects", objects)
     return next((o for o in objects if own(o, BUMPS) and o[OF_MATERIAL] == name), None)
 
 
@@ -103,8 +100,6 @@ def write_values(tree: bpy.types.NodeTree, recipe: Recipe) -> None:
         node = tree.nodes[str(number)]
         if name == "ramp":
             _write_ramp(node.color_ramp, value)
-        elif name.startswith("curve"):
-            _write_curves(node.mapping, name, value)
         elif name == "colour":
             _write(node, "value", value)
         elif name == "image":
@@ -118,19 +113,11 @@ def write_values(tree: bpy.types.NodeTree, recipe: Recipe) -> None:
 
 
 def _fitted(value, like):
-    """A value for a socket of another type, converted as Blender converts what is linked."""
-    if isinstance(value, (str, bpy.types.ID)) or isinstance(like, (str, bpy.types.ID, type(None))):
+    """A number or numbers as a socket takes them that has so many."""
+    wanted = np.size(like)
+    if isinstance(value, str) or np.size(value) == wanted:
         return value
-    wanted = len(like) if hasattr(like, "__len__") else 0
-    has = len(value) if isinstance(value, tuple) else 0
-    if has == wanted:
-        return value
-    if not wanted:
-        weights = (0.2126, 0.7152, 0.0722) if has == 4 else (1 / 3,) * 3
-        return float(sum(w * v for w, v in zip(weights, value, strict=False)))
-    if not has:
-        value = (float(value),) * 3
-    return tuple(value[:wanted]) if wanted <= len(value) else (*value[:3], 1.0)
+    return tuple(np.resize(value, wanted).tolist()) if wanted > 1 else float(np.mean(value[:3]))
 
 
 def _write(target, name: str, value) -> None:
@@ -162,51 +149,23 @@ def _write_ramp(ramp: bpy.types.ColorRamp, value: tuple) -> None:
         _write(element, "color", tuple(colour))
 
 
-def _write_curves(mapping: bpy.types.CurveMapping, name: str, value: tuple) -> None:
-    if name == "curves":
-        names = ("use_clip", "clip_min_x", "clip_max_x", "extend")
-        for setting, wanted in zip(names, value, strict=True):
-            _write(mapping, setting, wanted)
-        mapping.update()
-        return
-    points = mapping.curves[int(name.split()[1])].points
-    while len(points) < len(value):
-        points.new(1.0, 1.0)
-    while len(points) > len(value):
-        points.remove(points[-1])
-    for point, (x, y, handle) in zip(points, value, strict=True):
-        _write(point, "location", (x, y))
-        _write(point, "handle_type", handle)
-
-
 _kept: OrderedDict[bytes, Corners] = OrderedDict()
 
 
-def bumped(
-    obj: bpy.types.Object,
-    depsgraph: bpy.types.Depsgraph,
-    points: np.ndarray,
-    normals: np.ndarray,
-    to_world: np.ndarray,
-) -> Corners:
-    """The triangles of an evaluated glass with the bumps of its material.
+def _recipe(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[str, Recipe | None]:
+    """The name of a glass's material, and how its bumps are made; None: it has none."""
+    material = next(iter(glassy_materials(obj)), None)
+    if material is None:
+        return "", None
+    found = bumps_of(material.evaluated_get(depsgraph))
+    return material.name_full, found if isinstance(found, Recipe) else None
 
-    Parameters
-    ----------
-    points, normals : (T, 3, 3), in its own frame.
-    to_world : (4, 4).
 
-    They are as they were where nothing is known of bumps: where the extension has not prepared the
-    scene for the material as it is.
-    """
-    steps = bumping(obj, depsgraph, points, normals, to_world)
-    if steps is None:
-        return Corners(points, normals)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
+def _ready_points(name: str, recipe: Recipe) -> bpy.types.Object | None:
+    """The points to evaluate a material's bumps in, if they are made for these."""
+    found = find_points(bpy.data.objects, name)
+    is_made = found is not None and found[STRUCTURE] == recipe.structure
+    return found if is_made and found.users_scene else None
 
 
 def bumping(
@@ -217,13 +176,22 @@ def bumping(
     to_world: np.ndarray,
     patience: float = 0.0,
 ) -> Generator[None, None, Corners] | None:
-    """`bumped` a little at a time, None: without bumps. What is Blender's is read before that.
+    """The triangles of an evaluated glass with the bumps of its material, a little at a time.
 
-    ``patience``: seconds to wait for what is not prepared yet.
+    What is Blender's is read before the first step.
+
+    Parameters
+    ----------
+    points, normals : (T, 3, 3), in its own frame.
+    to_world : (4, 4).
+    patience : seconds to wait for what is not prepared yet; then they are as they were.
+
+    Returns
+    -------
+    None where there are no bumps, or unknown ones.
     """
-    material = next(iter(glassy_materials(obj)), None)
-    recipe = None if material is None else bumps_of(material.evaluated_get(depsgraph))
-    if not isinstance(recipe, Recipe):
+    name, recipe = _recipe(obj, depsgraph)
+    if recipe is None:
         return None
     maps = {name: _uv(obj, points, name[len(UV) :]) for name in recipe.coordinates if UV in name}
     place = to_world if recipe.is_of_world else _stretch(to_world[:3, :3])
@@ -234,7 +202,7 @@ def bumping(
     if key in _kept:
         _kept.move_to_end(key)
         return _at_once(_kept[key])
-    field = _Field(material.name_full, recipe, obj.original.data, place)
+    field = _Field(name, recipe, obj.original.data, place)
     return _remembered(key, field, (points, normals, maps), patience)
 
 
@@ -268,14 +236,12 @@ def bump_stamp(
     obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, to_world: np.ndarray
 ) -> tuple:
     """Equal stamps, equal bumps of an evaluated glass that only turns or moves; () without any."""
-    material = next(iter(glassy_materials(obj)), None)
-    recipe = None if material is None else bumps_of(material.evaluated_get(depsgraph))
-    if not isinstance(recipe, Recipe):
+    name, recipe = _recipe(obj, depsgraph)
+    if recipe is None:
         return ()
-    cloud = find_points(bpy.data.objects, material.name_full)
-    is_ready = cloud is not None and cloud[STRUCTURE] == recipe.structure
-    place = to_world.tobytes() if recipe.is_of_world else b""
-    return (*recipe.stamp(), is_ready, place)
+    is_ready = _ready_points(name, recipe) is not None
+    place = to_world if recipe.is_of_world else _stretch(to_world[:3, :3])
+    return (*recipe.stamp(), is_ready, place.tobytes())
 
 
 class Bumps:
@@ -296,7 +262,14 @@ class Bumps:
         key = evaluated.data.as_pointer()
         if key not in self._known:
             self._known[key] = triangles_of(evaluated.data, opaque)
-        found = bumped(evaluated, depsgraph, *self._known[key], to_world)
+        found, steps = None, bumping(evaluated, depsgraph, *self._known[key], to_world)
+        if steps is None:
+            return Corners(*self._known[key])
+        while found is None:
+            try:
+                next(steps)
+            except StopIteration as end:
+                found = end.value
         if found.missed > FEW:
             self.problems.append(
                 f'Glass "{evaluated.name}" has finer bumps than {MOST_TRIANGLES} triangles show'
@@ -383,15 +356,13 @@ class _Field:
 
     def is_ready(self) -> bool:
         """Whether there are points to evaluate in."""
-        found = find_points(bpy.data.objects, self._material)
-        is_made = found is not None and found[STRUCTURE] == self._recipe.structure
-        return is_made and bool(found.users_scene)
+        return _ready_points(self._material, self._recipe) is not None
 
     def _cloud(self) -> bpy.types.Object:
         """The points to evaluate in, with this moment's values: others may have used them."""
-        if not self.is_ready():
+        found = _ready_points(self._material, self._recipe)
+        if found is None:
             raise _NotReady
-        found = find_points(bpy.data.objects, self._material)
         write_values(found.modifiers[0].node_group, self._recipe)
         return found
 
@@ -540,11 +511,13 @@ class _Field:
                 inner = outer
                 continue
             height, strength, distance = np.moveaxis(values[0], 2, 0)
-            strength = np.maximum(strength[0], 0.0)[:, None]
-            distance = distance[0] * (-1.0 if stage.inverts else 1.0)
-            if stage.kind == "DISPLACEMENT":
-                mine = _unit(places.normals)
-                distance = distance * np.linalg.norm(mine @ self._linear.T, axis=1)
+            strength, distance = np.maximum(strength[0], 0.0)[:, None], distance[0]
+            if stage.kind != "BUMP":
+                middle, scale = np.moveaxis(values[0], 2, 0)[1:]
+                height, strength, distance = (height - middle) * scale, 1.0, 1.0
+            if stage.kind.endswith("OBJECT"):
+                distance = np.linalg.norm(_unit(places.normals) @ self._linear.T, axis=1)
+            distance = -distance if stage.inverts else distance
             grown = distance / (2.0 * step) * (height[1::2] - height[2::2])
             outer = _bump(outer, dx, dy, grown, strength)
             # Cycles does not turn bumps round for what comes from within.
