@@ -166,6 +166,8 @@ sys.path.insert(0, ROOT)
 import glass_refraction
 if not hasattr(bpy.types.Scene, "refractive_glass"):
     glass_refraction.register()
+# Files get the newest node group of glasses as they are opened.
+bpy.ops.wm.open_mainfile(filepath=SCENE)
 scene = bpy.context.scene
 scene.frame_set(FRAME)
 scene.render.engine = ENGINE
@@ -191,6 +193,7 @@ def rendered(scene_path: str, frame: int, size: tuple[int, int], path: Path) -> 
         copied["single_color"] = tuple(copied["single_color"])
     values = {
         "ROOT": str(ROOT),
+        "SCENE": str(Path(scene_path).resolve()),
         "FRAME": frame,
         "ENGINE": ENGINES[SHADING],
         "SIZE": size,
@@ -199,7 +202,7 @@ def rendered(scene_path: str, frame: int, size: tuple[int, int], path: Path) -> 
     }
     code = "\n".join(f"{name} = {value!r}" for name, value in values.items()) + F12
     subprocess.run(
-        [bpy.app.binary_path, "-b", scene_path, "--python-expr", code],
+        [bpy.app.binary_path, "-b", "--factory-startup", "--python-expr", code],
         check=True,
         stdout=subprocess.DEVNULL,
     )
