@@ -135,7 +135,7 @@ class MeshGlasses:
         except ValueError as error:
             raise RefractiveGlassError(f'Glass "{name}": {error}') from error
         before = self._known.get(where) if bumps is None else None
-        if before is not None and len(before[1].tree.order) == len(points) <= QUICK_TRIANGLES:
+        if before is not None and before[1].tree.count == len(points) <= QUICK_TRIANGLES:
             # The same mesh, deformed: its order is as good as any.
             self._growing.pop(where, None)
             self._known[where] = (

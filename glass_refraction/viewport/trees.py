@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Glasses that are meshes, as the live view's shader reads them: triangles in a tree of boxes.
 
-The tree is balanced: at each level every node's triangles are halved. So a node's place tells those
-of its children, and the shader walks it without a stack: children of node n are 2 n and 2 n + 1,
-the root is 1, and the leaves are the last level. It needs neither Blender nor a GPU.
+All leaves are on the last level. So a node's place tells those of its children, and the shader
+walks the tree without a stack: children of node n are 2 n and 2 n + 1, the root is 1. It needs
+neither Blender nor a GPU.
 """
 
 from __future__ import annotations
@@ -28,10 +28,34 @@ ROW_BITS = 12
 """The texture is 2 to this power texels wide."""
 MOST_TRIANGLES = 300_000
 """Of one glass: more of them take too long to be sorted between two events."""
+LARGE, SLANTED = 64.0, 8.0
+"""Of triangles that are halved before they are sorted: the area of their box, by the median of all
+and by their own. The slivers that a face of many corners consists of are such."""
 MARGIN = 2e-6
 """By how much boxes are wider than what they hold, in units of the glass: rounding."""
 BITS = 16
 """Of a number of a box in the tree's grid."""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Parts of triangles, which stay the same parts where the triangles are deformed.
+
+    Attributes
+    ----------
+    whole : (K,) triangles that are left as they are. parted : (P,) of which triangle each part is.
+    shares : (P, 3, 3) of that triangle's corners in each of the part's corners.
+    """
+
+    whole: np.ndarray
+    parted: np.ndarray
+    shares: np.ndarray
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """(K + P, 3, 3) points or normals of the pieces. Normals run on as they did."""
+        if not len(self.parted):
+            return values
+        return np.concatenate((values[self.whole], self.shares @ values[self.parted]))
 
 
 class Tree:
@@ -39,7 +63,8 @@ class Tree:
 
     Attributes
     ----------
-    order : (T,) numbers of the triangles, leaf by leaf. leaves : how many, a power of two.
+    count : of the triangles. order : (`LEAF` · leaves,) numbers of their pieces, leaf by leaf; -1:
+        none is there. leaves : how many, a power of two.
     texels : (K, 4) float32: what the shader reads, nodes first. triangles : its row where they
         begin.
     """
@@ -48,35 +73,39 @@ class Tree:
         self,
         points: np.ndarray,
         normals: np.ndarray,
+        pieces: Pieces,
         order: np.ndarray,
         within: np.ndarray | None = None,
     ) -> None:
-        self.order = order
-        self.leaves = leaves_of(len(order))
+        self.count, self.order, self._pieces = len(points), order, pieces
+        self.leaves = len(order) // LEAF
         self.triangles = NODE_TEXELS * self.leaves
-        rows = self.triangles + TRIANGLE_TEXELS * LEAF * self.leaves
-        self.texels = np.zeros((rows, 4), np.float32)
-        self._write(points, normals, within)
+        self.texels = np.zeros((self.triangles + TRIANGLE_TEXELS * len(order), 4), np.float32)
+        within = None if within is None else pieces.of(within)
+        self._write(pieces.of(points), pieces.of(normals), within)
 
     def refitted(
         self, points: np.ndarray, normals: np.ndarray, within: np.ndarray | None = None
     ) -> Tree:
         """The tree of as many triangles (T, 3, 3) in other places, in the same order."""
-        return Tree(points, normals, self.order, within)
+        return Tree(points, normals, self._pieces, self.order, within)
 
     def _write(self, points: np.ndarray, normals: np.ndarray, within: np.ndarray | None) -> None:
-        bounds = bounds_of(len(self.order), self.leaves)
-        points, normals = points[self.order], normals[self.order]
-        leaf = np.repeat(np.arange(self.leaves), np.diff(bounds))
-        slot = LEAF * leaf + np.arange(len(self.order)) - bounds[leaf]
+        slots = np.flatnonzero(self.order >= 0)
+        order = self.order[slots]
+        points, normals = points[order], normals[order]
         triangles = self.texels[self.triangles :].reshape(-1, TRIANGLE_TEXELS, 4)
-        triangles[slot, 0, :3] = points[:, 0]
-        triangles[slot, 1:3, :3] = points[:, 1:] - points[:, :1]
-        triangles[slot, 3:, :3] = normals
+        triangles[slots, 0, :3] = points[:, 0]
+        triangles[slots, 1:3, :3] = points[:, 1:] - points[:, :1]
+        triangles[slots, 3:, :3] = normals
         if within is not None:
-            triangles[slot, :, 3] = _flattened(within[self.order]).reshape(-1, TRIANGLE_TEXELS)
-        low = np.minimum.reduceat(points.min(axis=1), bounds[:-1]) - MARGIN
-        high = np.maximum.reduceat(points.max(axis=1), bounds[:-1]) + MARGIN
+            triangles[slots, :, 3] = _flattened(within[order]).reshape(-1, TRIANGLE_TEXELS)
+        # Boxes of leaves without a triangle enclose nothing.
+        low = np.full((len(self.order), 3), np.inf)
+        high = -low
+        low[slots], high[slots] = points.min(axis=1) - MARGIN, points.max(axis=1) + MARGIN
+        low = low.reshape(self.leaves, LEAF, 3).min(axis=1)
+        high = high.reshape(self.leaves, LEAF, 3).max(axis=1)
         nodes = self.texels[: self.triangles].reshape(self.leaves, NODE_TEXELS, 4)
         # As the shader reads them.
         nodes[0, 0, :3] = low.min(axis=0) - MARGIN
@@ -107,8 +136,11 @@ def _packed(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """(N, 4) float32: boxes of whole numbers (N, 3) from 0 on, of `BITS` bits.
 
     To read a texel takes software longer than to take it apart. The third number of a corner lies
-    in the upper bits of the two others: floats hold 24 bits exactly.
+    in the upper bits of the two others: floats hold 24 bits exactly. What encloses nothing is a
+    corner of the grid, where nothing is.
     """
+    is_empty = low > high
+    low, high = np.where(is_empty, 0.0, low), np.where(is_empty, 0.0, high)
     upper, lower = np.divmod(np.stack((low[:, 2], high[:, 2]), axis=1), 2 ** (BITS // 2))
     found = np.concatenate((low[:, :2], high[:, :2]), axis=1)
     found[:, ::2] += 2**BITS * lower
@@ -124,38 +156,102 @@ def leaves_of(triangles: int) -> int:
     return leaves
 
 
-def bounds_of(triangles: int, parts: int) -> np.ndarray:
-    """(parts + 1,) where each part of sorted triangles begins: halved again and again."""
-    return np.arange(parts + 1, dtype=np.int64) * triangles // parts
-
-
 def grow(
     points: np.ndarray, normals: np.ndarray, within: np.ndarray | None = None
 ) -> Iterator[Tree | None]:
     """Sort triangles (T, 3, 3) into a tree: an axis of a level at each step, and the tree at last.
 
-    Every node is halved across the axis for which rays look at the fewest triangles: a ray meets a
-    box as often as this has area (the surface area heuristic; J. D. MacDonald and K. S. Booth,
-    Heuristics for Ray Tracing Using Space Subdivision, 1990).
+    Every node is cut where rays look at the fewest triangles, as far as both parts have room: a ray
+    meets a box as often as this has area (the surface area heuristic; J. D. MacDonald and K. S.
+    Booth, Heuristics for Ray Tracing Using Space Subdivision, 1990).
     """
-    order = np.arange(len(points))
-    middles, lows, highs = points.mean(axis=1), points.min(axis=1), points.max(axis=1)
-    leaves, parts = leaves_of(len(points)), 1
-    while parts < leaves:
-        part = np.repeat(np.arange(parts), np.diff(bounds_of(len(points), parts)))
-        bounds = bounds_of(len(points), 2 * parts)
-        sorts, costs = [], []
-        for axis in range(3):
-            sort = order[np.lexsort((middles[order, axis], part))]
-            size = np.maximum.reduceat(highs[sort], bounds[:-1])
-            size -= np.minimum.reduceat(lows[sort], bounds[:-1])
-            area = (size * np.roll(size, 1, axis=1)).sum(axis=1)
-            sorts.append(sort)
-            costs.append((area * np.diff(bounds)).reshape(parts, 2).sum(axis=1))
+    pieces = halved(points)
+    yield None
+    parts = pieces.of(points)
+    middles = parts.mean(axis=1).T
+    # Of boxes lower ends and, turned round, upper ones: the least of both is what encloses all.
+    ends = np.concatenate((parts.min(axis=1).T, -parts.max(axis=1).T))
+    sorts = [np.argsort(middles[axis]) for axis in range(3)]
+    yield None
+    node, sizes = np.zeros(len(parts), np.uint32), np.array([len(parts)])
+    leaves = leaves_of(len(parts))
+    while len(sizes) < leaves:
+        room = LEAF * leaves // (2 * len(sizes))
+        filled = np.flatnonzero(sizes)
+        first = (np.cumsum(sizes) - sizes)[filled]
+        own = np.repeat(np.arange(len(sizes)), sizes)
+        before = np.arange(len(parts)) - np.repeat(first, sizes[filled])
+        after = sizes[own] - before
+        cuts, costs = np.zeros((3, len(sizes)), np.intp), np.zeros((3, len(sizes)))
+        for axis, sort in enumerate(sorts):
+            # Of each node cut before each of its triangles.
+            sorted_ = ends[:, sort]
+            left = np.roll(_swept(sorted_, own), 1)
+            right = _swept(sorted_[:, ::-1], own[-1] - own[::-1])[::-1]
+            cost = np.where(before > 0, before * left, 0.0) + after * right
+            cost[(before > room) | (after > room)] = np.inf
+            costs[axis, filled] = np.minimum.reduceat(cost, first)
+            best = np.flatnonzero(cost == costs[axis][own])[::-1]
+            cuts[axis, own[best]] = before[best]
             yield None
-        order = np.choose(np.argmin(costs, axis=0)[part], sorts)
-        parts *= 2
-    yield Tree(points, normals, order, within)
+        axis = np.argmin(costs, axis=0)
+        cut = np.choose(axis, cuts)
+        order = np.choose(axis[own], sorts)
+        node[order] = 2 * own + (before >= cut[own])
+        sizes = np.stack((cut, sizes - cut), axis=1).ravel()
+        sorts = [sort[np.argsort(node[sort], kind="stable")] for sort in sorts]
+    slots = np.full((leaves, LEAF), -1)
+    slots[np.arange(LEAF) < sizes[:, None]] = sorts[0]
+    yield None
+    yield Tree(points, normals, pieces, slots.ravel(), within)
+
+
+def _swept(ends: np.ndarray, within: np.ndarray) -> np.ndarray:
+    """(N,) half the area of the box round all boxes of a node up to each.
+
+    ``ends``: (6, N) lower ends of boxes, and upper ones turned round. ``within``: (N,) their nodes.
+    """
+    # Each node lies beyond all that was met before it.
+    apart = within * (2.0 * np.ptp(ends))
+    ends = np.minimum.accumulate(ends - apart, axis=1) + apart
+    x, y, z = -ends[3:] - ends[:3]
+    return x * y + y * z + z * x
+
+
+def halved(points: np.ndarray) -> Pieces:
+    """Triangles (T, 3, 3), those halved again and again whose boxes are large for what they hold.
+
+    A tree parts boxes: where many lie over each other, all of them are looked at. (M. Ernst and G.
+    Greiner, Early Split Clipping for Bounding Volume Hierarchies, 2007.) There are at most twice as
+    many pieces as triangles.
+    """
+    most, limit = min(2 * len(points), MOST_TRIANGLES), LARGE * np.median(_box_areas(points))
+
+    def is_large(parts: np.ndarray) -> np.ndarray:
+        box, own = _box_areas(parts), np.cross(parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0])
+        return (box > limit) & (box > SLANTED * np.abs(own).sum(axis=1))
+
+    large = is_large(points)
+    whole, parted = np.flatnonzero(~large), np.flatnonzero(large)
+    shares = np.tile(np.eye(3), (len(parted), 1, 1))
+    while True:
+        parts = shares @ points[parted]
+        some = is_large(parts)
+        if not some.any() or len(whole) + len(parts) + some.sum() > most:
+            return Pieces(whole, parted, shares)
+        longest = np.linalg.norm(parts[some] - np.roll(parts[some], -1, axis=1), axis=2)
+        corners = (longest.argmax(axis=1)[:, None] + np.arange(3)) % 3
+        a, b, c = np.swapaxes(np.take_along_axis(shares[some], corners[..., None], axis=1), 0, 1)
+        middle = 0.5 * (a + b)
+        both = np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)
+        parted = np.concatenate((parted[~some], parted[some], parted[some]))
+        shares = np.concatenate((shares[~some], *both))
+
+
+def _box_areas(points: np.ndarray) -> np.ndarray:
+    """(T,) half the area of the boxes of triangles (T, 3, 3)."""
+    size = np.ptp(points, axis=1)
+    return (size * np.roll(size, 1, axis=1)).sum(axis=1)
 
 
 @dataclass(frozen=True)

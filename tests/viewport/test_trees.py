@@ -22,6 +22,7 @@ from glass_refraction.viewport.trees import (
     TRIANGLE_TEXELS,
     MeshBody,
     grow,
+    halved,
     polar,
     shaped,
 )
@@ -97,7 +98,7 @@ def walked(tree, origin, direction):
 def test_the_tree_finds_what_a_plain_search_finds(count):
     points, normals = soup(count)
     tree = grown(points, normals)
-    assert sorted(tree.order) == list(range(count))
+    assert sorted(tree.order[tree.order >= 0]) == list(range(count))
     edges = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     random = np.random.default_rng(1)
     looked, hits = 0, 0
@@ -131,9 +132,65 @@ def test_nodes_are_halved_where_rays_look_at_the_fewest_triangles():
     assert np.mean(looked) < 7.5
 
 
+def fan(count):
+    """Slivers of a slanted face of many corners, all from one of them, and normals that differ."""
+    angle = np.linspace(0.0, 2.0 * np.pi, count + 2, endpoint=False)
+    rim = np.stack(
+        (np.cos(angle), np.sin(angle), 0.3 * np.cos(angle) + 0.2 * np.sin(angle)), axis=1
+    )
+    points = np.stack((np.tile(rim[:1], (count, 1)), rim[1:-1], rim[2:]), axis=1)
+    return points, points + np.array((0.0, 0.0, 3.0))
+
+
+def looked_at(tree, count=100):
+    """Triangles that rays to places near the middle look at, in the mean."""
+    random = np.random.default_rng(1)
+    seen = []
+    for _ in range(count):
+        origin, target = random.uniform(-2.0, 2.0, 3), random.uniform(-0.6, 0.6, 3)
+        direction = (target - origin) / np.linalg.norm(target - origin)
+        seen.append(walked(tree, origin, direction)[1])
+    return np.mean(seen)
+
+
+def test_pieces_are_their_triangles():
+    """They cover as much, lie in the same planes, and normals run on."""
+    points, normals = fan(400)
+    small = 0.01 * points[:900:3] + np.random.default_rng(2).uniform(-1.0, 1.0, (134, 1, 3))
+    points = np.concatenate((points[:200], np.tile(small, (4, 1, 1))))
+    normals = points + np.array((0.0, 0.0, 3.0))
+    pieces = halved(points)
+    parts = pieces.of(points)
+    assert len(points) < len(parts) <= 2 * len(points)
+    # Normals of the fan are linear in the place, so those of its pieces are too.
+    assert pieces.of(normals) == pytest.approx(parts + np.array((0.0, 0.0, 3.0)))
+
+    def areas(triangles):
+        return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+    own = areas(points)
+    covered = np.zeros_like(own)
+    np.add.at(covered, pieces.parted, areas(parts[len(pieces.whole) :]))
+    covered[pieces.whole] = own[pieces.whole]
+    assert covered == pytest.approx(own, abs=1e-12)
+
+
+def test_slivers_of_a_face_of_many_corners_are_not_all_looked_at():
+    """One face of 160 corners beside many small triangles, as the back of a wavy pane."""
+    slivers, _ = fan(160)
+    small, _ = soup(6000, 3)
+    points = np.concatenate((slivers, small.mean(axis=1, keepdims=True) + 0.02 * small + 4.0))
+    tree = grown(points, np.ones_like(points))
+    # As they are: 51.
+    assert looked_at(tree) < 35.0
+
+
 def test_a_deformed_mesh_keeps_its_order():
     points, normals = soup(300)
+    points = np.concatenate((points, 3.0 * fan(40)[0]))
+    normals = np.concatenate((normals, fan(40)[1]))
     tree = grown(points, normals)
+    assert len(tree.order[tree.order >= 0]) > len(points) == tree.count
     moved = points * (1.0, 2.0, 0.5) + 0.1
     again = tree.refitted(moved, normals)
     assert again is not tree
