@@ -38,8 +38,9 @@ MEDIUM_ROWS = 2
 THING_ROWS = 3
 CHORD_ROWS = 2
 CUBIC_ROWS = 2
-BUNCH = 8
-"""Chords of a profile that share a box, which rays are tested against first."""
+BUNCH, SIDE_BUNCH = 8, 8
+"""Chords of a profile that share a box, and sides of an outline that share a circle: rays are
+tested against these first."""
 
 BOX_MARGIN = 1e-3
 """By how much a glass's box is wider on each side, as part of its ball: rounding, and flat ones."""
@@ -325,7 +326,25 @@ def _table(body: BoundedGlass) -> _Table:
             pointers.extend((base + k, 3) for k in range(0, len(bunches), 2))
             head[two, 1] = len(bunches) // 2
             add(two, 2, _cubics(surface))
+    _bunch_sides(head)
     return _Table(np.concatenate([head, *more]), count, tuple(pointers))
+
+
+def _bunch_sides(head: np.ndarray) -> None:
+    """Put down the circle round each `SIDE_BUNCH` sides, the last ones of a body's interfaces.
+
+    It is that round the begin of the middle one of them; the square of its radius is with the first
+    one. Sides beyond the last whole bunch have none.
+    """
+    rows = head.reshape(-1, INTERFACE_ROWS, 4)
+    first = len(rows) - np.count_nonzero(rows[:, 0, 0] == SIDE)
+    whole = (len(rows) - first) // SIDE_BUNCH * SIDE_BUNCH
+    rows = rows[first : first + whole].reshape(-1, SIDE_BUNCH, INTERFACE_ROWS, 4)
+    begin = rows[:, :, 1, :2]
+    end = begin + rows[:, :, 2, :1] * rows[:, :, 1, 2:]
+    middle = begin[:, SIDE_BUNCH // 2, None]
+    radius = np.maximum(*(np.linalg.norm(p - middle, axis=2).max(axis=1) for p in (begin, end)))
+    rows[:, 0, 2, 3] = (radius + BOX_MARGIN) ** 2
 
 
 def _room_in(outline: Outline, body: BoundedGlass) -> float:

@@ -33,6 +33,7 @@ from .description import (
     ROWS,
     SHELL,
     SIDE,
+    SIDE_BUNCH,
     THING_ROWS,
 )
 from .eye import CAPTURES, LAMP_ROWS, LAMPS, WORLD
@@ -82,6 +83,7 @@ CONSTANTS = f"""
 #define PLANE {PLANE}
 #define LID {LID}
 #define SIDE {SIDE}
+#define SIDE_BUNCH {SIDE_BUNCH}
 #define SHELL {SHELL}
 #define PROFILE {PROFILE}
 #define MESH {MESH}

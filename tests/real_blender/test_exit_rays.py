@@ -8,6 +8,7 @@ import pytest
 SHAPES = (
     "slab",
     "star",
+    "disc",
     "tank",
     "cylinder",
     "filled",

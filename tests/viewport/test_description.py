@@ -16,6 +16,7 @@ from glass_refraction.viewport.description import (
     ROWS,
     SHELL,
     SIDE,
+    SIDE_BUNCH,
     Posed,
     TooMuch,
     common_frame,
@@ -143,6 +144,29 @@ def test_rays_in_the_circle_of_an_outline_meet_no_side(shape):
     assert (radius == 0.0) == (shape == "crescent")
     assert radius == 0.0 or holds(*(middle[:, None] + 0.999 * radius * around)).all()
     assert not holds(*(middle[:, None] + 1.001 * radius * around)).all()
+
+
+@pytest.mark.parametrize("corners", [5, 16, 45])
+def test_sides_lie_in_the_circle_of_their_bunch(corners):
+    turn = 2.0 * np.pi * np.arange(corners) / corners
+    outline = (
+        np.stack((np.cos(turn), 0.6 * np.sin(turn)), axis=1)
+        / (1.0 + np.arange(corners) % 2)[:, None]
+    )
+    glass = posed(optics.FlatGlass((0.01, 0.02), (1.5, 1.7), outline=outline))
+    block = pack([glass], common_frame([glass])).astype(float)
+    first, count = block[1, :2].astype(int)
+    rows = block[first : first + INTERFACE_ROWS * count].reshape(count, INTERFACE_ROWS, 4)
+    sides = rows[rows[:, 0, 0] == SIDE]
+    assert np.array_equal(rows[-len(sides) :], sides)
+    for number, side in enumerate(sides):
+        head = number - number % SIDE_BUNCH
+        room = sides[head, 2, 3]
+        assert (room > 0.0) == (head + SIDE_BUNCH <= len(sides))
+        if room > 0.0:
+            middle = sides[head + SIDE_BUNCH // 2, 1, :2]
+            for end in (side[1, :2], side[1, :2] + side[2, 0] * side[1, 2:]):
+                assert np.linalg.norm(end - middle) < np.sqrt(room)
 
 
 def test_more_than_fits_is_told_and_nothing_is_cut():

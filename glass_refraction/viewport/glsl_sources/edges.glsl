@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 
 /* Differences from pixel to pixel, as they are and as part of the colour, that are too much. */
-#define EDGE_STEP vec4(0.02)
-#define EDGE_PART 0.08
+#define EDGE_STEP vec4(0.04)
+#define EDGE_PART 0.16
 
 void main()
 {

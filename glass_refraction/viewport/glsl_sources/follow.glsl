@@ -62,22 +62,19 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       bool own = k == home;
       vec3 q = own ? p : to_glass(k, from), v = own ? d : turn_in(k, toward);
       float size = row(9 + GLASS_ROWS * k).x;
-      float enter = 0.0;
-      if (!own) {
-        /* From where it enters the glass's box: numbers stay small there. */
-        vec3 away = row(2 + GLASS_ROWS * k).xyz - q, half_ = row(11 + GLASS_ROWS * k).xyz;
-        vec3 inverse = 1.0 / mix(v, vec3(1e-12), lessThan(abs(v), vec3(1e-12)));
-        vec3 middle = away * inverse, room = half_ * abs(inverse);
-        vec3 enters = middle - room, leaves = middle + room;
-        enter = max(max(enters.x, enters.y), max(enters.z, 0.0));
-        if (enter > min(min(leaves.x, leaves.y), leaves.z) || enter * size > way) {
-          continue;
-        }
+      /* From where it enters the glass's box, where numbers stay small, to where it leaves that. */
+      vec3 away = row(2 + GLASS_ROWS * k).xyz - q, half_ = row(11 + GLASS_ROWS * k).xyz;
+      vec3 inverse = 1.0 / mix(v, vec3(1e-12), lessThan(abs(v), vec3(1e-12)));
+      vec3 middle = away * inverse, room = half_ * abs(inverse);
+      vec3 enters = middle - room, leaves = middle + room;
+      float enter = own ? 0.0 : max(max(enters.x, enters.y), max(enters.z, 0.0));
+      float leave_ = min(min(leaves.x, leaves.y), leaves.z);
+      if (!own && (enter > leave_ || enter * size > way)) {
+        continue;
       }
       float t;
       vec3 mark;
-      /* No farther than NOWHERE: that is the way to a face that is not met. */
-      float near = min(way / size - enter, NOWHERE);
+      float near = min(way / size, leave_) - enter;
       int found = next_interface(k, medium_in(held, k), q + enter * v, v, near, skip, t, mark);
       if (found >= 0) {
         way = (t + enter) * size;

@@ -21,7 +21,7 @@ int next_interface(int g, int m, vec3 o, vec3 d, float reach, int skip, out floa
   float ell = o.x * d.y - o.y * d.x;
   float size2 = dot(o.xy, o.xy);
   vec2 middle = row(2 + GLASS_ROWS * g).xy;
-  bool sides = false;
+  int sides = -1;
   for (int k = 0; k < count; k++) {
     int at = first + INTERFACE_ROWS * k;
     vec4 face = row(at);
@@ -60,12 +60,22 @@ int next_interface(int g, int m, vec3 o, vec3 d, float reach, int skip, out floa
       }
     }
     else if (kind == SIDE) {
-      if (!sides) {
+      if (sides < 0) {
         /* All that follow are sides. Within a circle that lies in the outline none is met. */
-        sides = true;
+        sides = k;
         vec2 begin = o.xy - middle, end = begin + way * d.xy;
-        if (met >= 0 && max(dot(begin, begin), dot(end, end)) < row(met + 1).w) {
+        if (max(dot(begin, begin), dot(end, end)) < row(first + 1).w) {
           break;
+        }
+      }
+      if ((k - sides) % SIDE_BUNCH == 0) {
+        /* A circle round the next ones: not all of them need be looked at. */
+        float room = row(at + 2).w;
+        vec2 off = o.xy - row(at + INTERFACE_ROWS * (SIDE_BUNCH / 2) + 1).xy;
+        off += clamp(-dot(off, d.xy) / max(p2, 1e-30), 0.0, way) * d.xy;
+        if (room > 0.0 && dot(off, off) > room) {
+          k += SIDE_BUNCH - 1;
+          continue;
         }
       }
       float away = d.x * s.w - d.y * s.z;

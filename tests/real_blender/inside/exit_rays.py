@@ -40,6 +40,9 @@ STAR = np.array(
         for k in range(10)
     ]
 )
+_TURN = 2.0 * np.pi * np.arange(45) / 45
+ROUND = np.stack((np.cos(_TURN), np.sin(_TURN)), axis=1)
+"""Sides in bunches, of which the last one is not whole."""
 
 
 def shapes(optics):
@@ -49,6 +52,7 @@ def shapes(optics):
     return {
         "slab": optics.FlatGlass((0.01,), (1.5,), outline=[(-0.1, -0.1), (0.1, -0.1), (0, 0.15)]),
         "star": optics.FlatGlass((0.02, 0.01), (1.5, 1.7), outline=STAR * 0.1),
+        "disc": optics.FlatGlass((0.04, 0.02), (1.5, 1.7), outline=ROUND * 0.1),
         "tank": optics.FlatGlass(
             (0.01,), (1.5,), ior_below=1.333, outline=[(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1)]
         ),
