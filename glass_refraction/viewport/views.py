@@ -333,8 +333,7 @@ def _after_view() -> None:
 
 
 def _draw(view: _View, context: bpy.types.Context) -> None:
-    from .capture import Captures, drawn_as
-    from .displaced import Displaced
+    from .capture import Captures
     from .paint import Painter
 
     space, region, scene = context.space_data, context.region, context.scene
@@ -344,11 +343,10 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     layer = context.view_layer
     if layer.depsgraph is None or space.shading.type == "WIREFRAME":
         return
-    enabled = scene.refractive_glass.enabled
-    if enabled != view.model.enabled:
-        view.model.enabled = enabled
-        _unmarked(layer, enabled)
-    if not enabled:
+    if settings.enabled != view.model.enabled:
+        view.model.enabled = settings.enabled
+        _unmarked(layer, settings.enabled)
+    if not settings.enabled:
         return
     if view.painter is None:
         view.painter, view.captures = Painter(), Captures()
@@ -361,36 +359,12 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
         matrices.window_matrix,
         matrices.is_perspective,
     )
-    key = (scene.session_uid, generation(scene), space.local_view is not None)
     looks = _looks(space, scene.render.engine)
-    displaces = settings.shading == "DISPLACED"
-    if (view.displaced is not None) != displaces:
-        view.displaced = Displaced() if displaces else None
-        model.key = ()
     told = news.news(scene)
-    if is_compiling() or (model.key != key and not context.screen.is_animation_playing):
-        view.settled = 0
-    else:
-        view.settled += 1
-    if model.key != key:
-        if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
-            view.problems = model.problems + _unmarked(layer, True)
-            painter.direct.wires.read(model.lines, layer.depsgraph, told)
-        if displaces:
-            view.displaced.arrange(layer, space, model.glasses)
-        model.key = key
-        # What is evaluated anew has the engine begin anew, though nothing that is seen moved.
-        view.refinements = 0
-    view.is_threaded = not draws_off_screen(scene, space)
-    is_blind = drawn_as(scene, space) is None
-    if view.is_blind and not is_blind:
-        view.stamp = ()
-    view.is_blind = is_blind
+    _read_glasses(view, context, told)
     # Much is evaluated anew of which nothing can be seen.
     seen = (told.seen, model.signature())
-    if view.stamp[:2] != (seen, looks) and model.is_shown:
-        captures.arrange(model.glasses, looks, model.boxes, told.everything)
-        view.lamps.read(layer, space, model.lamps, {place.obj.name for place in model.lines})
+    _read_surroundings(view, context, told, (seen, looks))
     if model.meshes.waits:
         view.final = False
         _ask_for_rest()
@@ -431,14 +405,7 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
             # Solid shading's engine has soon refined what it shows.
             view.is_early = view.is_open
         if moved or begins:
-            _describe(view, eye)
-            divisor = _divisor(view, 1)
-            painter.begin(divisor, MOVING_LAYER)
-            view.spent, view.slower = (0, 0.0), math.inf
-            # Where colours part pixels differ most: first there must be a sample for each.
-            each_colour = divisor == _divisor(view, painter.colours) == 1.0
-            _sample(view, settings, WAYS_MOVING, each_colour=each_colour)
-            painter.use(MOVING_LAYER)
+            _draw_moving(view, settings)
         # Else the engine only refines what it shows: what is there stays until better is done. What
         # was whole is begun anew: no engine tells that it shows its last sample.
         if moved or view.is_early or view.stage == MORE:
@@ -451,6 +418,65 @@ def _draw(view: _View, context: bpy.types.Context) -> None:
     python += time.thread_time() - view.gpu_seconds + painter.direct.python_seconds
     view.python_ms = 1e3 * python
     counters["milliseconds"] += view.python_ms
+
+
+def _read_glasses(view: _View, context: bpy.types.Context, told: news.News) -> None:
+    """Have the view's model be of the scene as it is evaluated now."""
+    from .displaced import Displaced
+
+    space, scene, layer = context.space_data, context.scene, context.view_layer
+    model = view.model
+    displaces = scene.refractive_glass.shading == "DISPLACED"
+    if (view.displaced is not None) != displaces:
+        view.displaced = Displaced() if displaces else None
+        model.key = ()
+    key = (scene.session_uid, generation(scene), space.local_view is not None)
+    is_new = model.key != key
+    if is_compiling() or (is_new and not context.screen.is_animation_playing):
+        view.settled = 0
+    else:
+        view.settled += 1
+    if not is_new:
+        return
+    if model.read(layer, space, told, anew=model.key[::2] != key[::2]):
+        view.problems = model.problems + _unmarked(layer, True)
+        view.painter.direct.wires.read(model.lines, layer.depsgraph, told)
+    if displaces:
+        view.displaced.arrange(layer, space, model.glasses)
+    model.key = key
+    # What is evaluated anew has the engine begin anew, though nothing that is seen moved.
+    view.refinements = 0
+
+
+def _read_surroundings(
+    view: _View, context: bpy.types.Context, told: news.News, seen: tuple
+) -> None:
+    """Say what captures are to show, and read lamps, unless they are of what is ``seen``."""
+    from .capture import drawn_as
+
+    space, scene, model = context.space_data, context.scene, view.model
+    view.is_threaded = not draws_off_screen(scene, space)
+    is_blind = drawn_as(scene, space) is None
+    if view.is_blind and not is_blind:
+        view.stamp = ()
+    view.is_blind = is_blind
+    if view.stamp[:2] != seen and model.is_shown:
+        view.captures.arrange(model.glasses, seen[1], model.boxes, told.everything)
+        names = {place.obj.name for place in model.lines}
+        view.lamps.read(context.view_layer, space, model.lamps, names)
+
+
+def _draw_moving(view: _View, settings) -> None:
+    """Draw what moves anew, as finely as there is time for."""
+    painter = view.painter
+    _describe(view, view.eye)
+    divisor = _divisor(view, 1)
+    painter.begin(divisor, MOVING_LAYER)
+    view.spent, view.slower = (0, 0.0), math.inf
+    # Where colours part pixels differ most: first there must be a sample for each.
+    each_colour = divisor == _divisor(view, painter.colours) == 1.0
+    _sample(view, settings, WAYS_MOVING, each_colour=each_colour)
+    painter.use(MOVING_LAYER)
 
 
 def _read(view: _View, moved: bool, samples: float, amended: bool, nearer: float) -> bool:
@@ -729,7 +755,7 @@ def _is_at_home(view: _View, region) -> bool:
 
 def _work(view: _View, window, space, region, hold: float) -> None:
     """Faces of captures for ``hold`` seconds, one at least, or a slice of samples."""
-    scene, painter, captures = window.scene, view.painter, view.captures
+    scene, captures = window.scene, view.captures
     if view.waits:
         # Again: a redraw that was asked for may have got lost.
         region.tag_redraw()
@@ -782,7 +808,12 @@ def _work(view: _View, window, space, region, hold: float) -> None:
         view.is_due = view.waits = view.is_early = True
         region.tag_redraw()
         return
-    settings = scene.refractive_glass
+    _add_samples(view, region, scene.refractive_glass)
+
+
+def _add_samples(view: _View, region, settings) -> None:
+    """A slice of samples at rest."""
+    painter = view.painter
     painter.direct.find_steps(view.eye, view.model.frame)
     until = time.perf_counter() + (SLICE_SECONDS if view.is_early else EARLY_SECONDS)
     while time.perf_counter() < until and not view.final:

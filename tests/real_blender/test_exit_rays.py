@@ -85,6 +85,12 @@ def test_edges_of_things_run_straighter_than_pixels(found, degrees):
     assert captured < (1.0 if degrees in (3, 87) else 0.85) * corner
 
 
+def test_beside_an_edge_things_have_their_own_colours(found):
+    """The engine's samples mix both sides of an edge, and what is looked up there mixed them into
+    two pixels on either side: pencil had a seam."""
+    assert found["beside"] < 0.02
+
+
 def test_the_edge_of_a_round_thing_lies_as_deep_as_its_axis(found):
     """Near an edge a circle is a parabola, but for a part."""
     assert found["rods"] < 0.1

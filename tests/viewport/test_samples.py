@@ -135,3 +135,24 @@ def test_captures_of_another_engine_are_drawn_anew():
     engines = "CYCLES", "BLENDER_EEVEE"
     assert len({views._looks(rendered, engine) for engine in engines}) == 2
     assert len({views._looks(solid, engine) for engine in engines}) == 1
+
+
+@pytest.mark.parametrize("is_playing", [False, True])
+def test_what_is_evaluated_anew_has_the_engine_begin_anew(monkeypatch, is_playing):
+    """Though nothing that is seen moved: its picture was read before its last sample."""
+    generations = iter((1, 1, 2, 2))
+    monkeypatch.setattr(views, "generation", lambda scene: next(generations))
+    monkeypatch.setattr(views, "is_compiling", lambda: False)
+    space = SimpleNamespace(local_view=None)
+    scene = SimpleNamespace(session_uid=7, refractive_glass=SimpleNamespace(shading="TRUE"))
+    screen = SimpleNamespace(is_animation_playing=is_playing)
+    context = SimpleNamespace(space_data=space, scene=scene, view_layer=None, screen=screen)
+    view = views._View()
+    view.model.read = lambda layer, space, told, anew: False
+    found = []
+    for _ in range(4):
+        views._read_glasses(view, context, None)
+        # As `_draw` counts a redraw in which nothing moved.
+        view.refinements += 1
+        found.append(view.refinements)
+    assert found == [1, 2, 1, 2]

@@ -86,10 +86,7 @@ float depth_between(vec2 at)
 vec4 thing_at(vec2 at)
 {
   ivec2 pixel = pixel_for(at);
-  vec2 shown = texelFetch(depth_tx, pixel, 0).rg;
-  if (shown.g == 0.0) {
-    return direct_at(at);
-  }
+  float shown = texelFetch(depth_tx, pixel, 0).r;
   ivec2 last = ivec2(view.size.xy) - 1;
   vec2 low = floor(at - 0.5);
   vec2 t = at - 0.5 - low;
@@ -100,7 +97,7 @@ vec4 thing_at(vec2 at)
     ivec2 there = clamp(ivec2(low) + one, ivec2(0), last);
     vec2 parts = mix(1.0 - t, t, vec2(one));
     vec2 other = texelFetch(depth_tx, there, 0).rg;
-    if (abs(other.r - shown.r) < edge_at(min(other.r, shown.r))) {
+    if (abs(other.r - shown) < edge_at(min(other.r, shown))) {
       float part = parts.x * parts.y * (other.g == 0.0 ? 1.0 : MIXED);
       whole += part;
       mixed += part * texelFetch(direct_tx, there, 0);

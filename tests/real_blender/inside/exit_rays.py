@@ -40,6 +40,9 @@ STAR = np.array(
         for k in range(10)
     ]
 )
+BESIDE = 1.0
+"""How far from an edge a colour is to be its thing's own, pixels: nearer, all pixels round a place
+may be mixed."""
 _TURN = 2.0 * np.pi * np.arange(45) / 45
 ROUND = np.stack((np.cos(_TURN), np.sin(_TURN)), axis=1)
 """Sides in bunches, of which the last one is not whole."""
@@ -295,6 +298,30 @@ def straight_edges(paint):
     return worst
 
 
+def colours_beside_edges(paint):
+    """The most by which a colour is off its thing's own, beside an edge whose pixels are mixed."""
+    worst, parts = 0.0, 8
+    y, x = np.mgrid[:60, :60] + 0.5
+    fine = (np.mgrid[: 60 * parts, : 60 * parts] + 0.5) / parts
+    random = np.random.default_rng(3)
+    places = random.uniform(10.0, 50.0, (40, 50, 2))
+    for degrees in (3, 12, 27, 45, 63, 78, 87):
+        normal = np.array((np.cos(np.radians(degrees)), np.sin(np.radians(degrees))))
+
+        def apart(x, y, normal=normal):
+            return (x - 30.3) * normal[0] + (y - 24.1) * normal[1]
+
+        is_near = (apart(fine[1], fine[0]) < 0.0).reshape(60, parts, 60, parts)
+        near = is_near.mean(axis=(1, 3))[..., None]
+        colours = near * (0.9, 0.1, 0.2) + (1.0 - near) * (0.1, 0.6, 0.4)
+        depths = np.where(apart(x, y) < 0.0, 5.0, 9.0)
+        found = passes.colours_of_things(paint, depths, colours, 0.01, places)
+        off = apart(places[..., 0], places[..., 1])[..., None]
+        wanted = np.where(off < 0.0, (0.9, 0.1, 0.2), (0.1, 0.6, 0.4))
+        worst = max(worst, float(np.abs(found - wanted)[np.abs(off[..., 0]) > BESIDE].max()))
+    return worst
+
+
 def edges_of_rods(paint):
     """By what part of its radius the depth is off that the edge of a round rod is said to have."""
     worst = 0.0
@@ -472,6 +499,7 @@ def run():
         paint = __import__("importlib").import_module(f"{root.__name__}.viewport.paint")
         trees = __import__("importlib").import_module(f"{root.__name__}.viewport.trees")
         result["tiles"] = compare_tiles(paint)
+        result["beside"] = colours_beside_edges(paint)
         result["straight"], result["rods"] = straight_edges(paint), edges_of_rods(paint)
         result["planes"] = planes(paint)
         result["met"], result["on"] = met_before_edges(paint), met_on_a_table(paint)

@@ -214,6 +214,38 @@ def depths_between(
     return tuple(np.moveaxis(read, 2, 0))
 
 
+THINGS = """
+void main()
+{
+  vec2 at = texelFetch(origin_tx, ivec2(gl_FragCoord.xy), 0).xy;
+  frag = has_depth != 0 ? thing_at(at) : vec4(0.0);
+}
+"""
+
+
+def colours_of_things(
+    paint, depths: np.ndarray, colours: np.ndarray, width: float, places: np.ndarray
+) -> np.ndarray:
+    """(rows, columns, 3) colours that a parallel view shows at places, each of one thing.
+
+    ``depths``, ``colours``: (height, width), (height, width, 3) of pixels. ``width``: of a pixel,
+    in the depths' unit. ``places``: (rows, columns, 2), in pixels.
+    """
+    height, columns = depths.shape
+    direct = paint.Direct()
+    direct.size = (columns, height)
+    direct._plain = paint._texture(np.ascontiguousarray(depths, np.float32), "R32F")
+    direct._stepped, direct._to_stepped = paint._target(direct.size, "RG32F")
+    direct._mark_steps((width, 0.0))
+    block = np.zeros((_constant(paint, "eye", "VIEW_ROWS"), 4), np.float32)
+    block[5, 0], block[10, :2] = width, direct.size
+    shown = np.ones((height, columns, 4), np.float32)
+    shown[..., :3] = colours
+    origins = np.concatenate((places, np.zeros_like(places[..., :1])), axis=2)
+    inputs = {"depth_tx": direct.depth, "direct_tx": paint._texture(shown, "RGBA32F")}
+    return _looked_up(paint, THINGS, block, origins, origins, inputs, [])[..., :3]
+
+
 MARCH = """
 void main()
 {
