@@ -32,7 +32,7 @@ ROWS = 4096
 
 CYLINDER, PLANE, LID, SIDE, SHELL, PROFILE, MESH = range(7)
 
-GLASS_ROWS = 11
+GLASS_ROWS = 12
 INTERFACE_ROWS = 3
 MEDIUM_ROWS = 2
 THING_ROWS = 3
@@ -178,6 +178,8 @@ def pack(
         reflected = glass.body.reflected if _is_mesh(glass.body) else (1.0, 1.0, 1.0)
         record[9] = glass.priority, *reflected
         record[10, :3] = 0.5 * (high - low) + BOX_MARGIN * record[1, 3]
+        record[11, :3] = outward[:, :3] @ record[1, :3] + outward[:, 3]
+        record[11, 3] = (record[8, 0] * np.linalg.norm(record[10, :3])) ** 2
         used = total
     if boxes is not None and used + THING_ROWS * len(boxes) <= ROWS:
         rows[0][0, 2:] = used, len(boxes)

@@ -84,11 +84,9 @@ class Tree:
         within = None if within is None else pieces.of(within)
         self._write(pieces.of(points), pieces.of(normals), within)
 
-    def refitted(
-        self, points: np.ndarray, normals: np.ndarray, within: np.ndarray | None = None
-    ) -> Tree:
+    def refitted(self, points: np.ndarray, normals: np.ndarray) -> Tree:
         """The tree of as many triangles (T, 3, 3) in other places, in the same order."""
-        return Tree(points, normals, self._pieces, self.order, within)
+        return Tree(points, normals, self._pieces, self.order)
 
     def _write(self, points: np.ndarray, normals: np.ndarray, within: np.ndarray | None) -> None:
         slots = np.flatnonzero(self.order >= 0)

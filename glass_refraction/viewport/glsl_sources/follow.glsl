@@ -60,6 +60,9 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       /* Its own glass first: what lies behind the face that is met there need not be looked at. */
       int k = number <= home ? (number == 0 ? home : number - 1) : number;
       bool own = k == home;
+      if (!own && passes_ball(k, from, toward, way)) {
+        continue;
+      }
       vec3 q = own ? p : to_glass(k, from), v = own ? d : turn_in(k, toward);
       float size = row(9 + GLASS_ROWS * k).x;
       /* From where it enters the glass's box, where numbers stay small, to where it leaves that. */

@@ -28,6 +28,19 @@ vec3 turn_out(int g, vec3 d)
   return by_rows(6 + GLASS_ROWS * g, vec4(d, 0.0)) / row(9 + GLASS_ROWS * g).x;
 }
 
+/* Whether a ray of the common frame passes the ball round a glass, or enters it beyond a way. Of
+ * many glasses most are passed: nothing else of them is read then. */
+bool passes_ball(int g, vec3 place, vec3 along, float way)
+{
+  vec4 ball = row(12 + GLASS_ROWS * g);
+  vec3 away = ball.xyz - place;
+  float square = dot(away, away), ahead = dot(away, along), beyond = max(ahead - way, 0.0);
+  /* What rounding takes from the difference of squares is given back. */
+  float least = ball.w + 1e-6 * square;
+  return square - ahead * ahead > least || (ahead < 0.0 && square > least) ||
+         beyond * beyond > least;
+}
+
 vec4 medium_row(int g, int m) { return row(int(row(1 + GLASS_ROWS * g).z) + MEDIUM_ROWS * m); }
 
 /* A place in the frame of one glass in that of another; -1: the common one. */
