@@ -319,6 +319,12 @@ def _request_all() -> None:
         request_update(scene, LOADED_SECONDS)
 
 
+def _on_enabled() -> None:
+    """Timer: a file that is open was perhaps made by another version."""
+    renew_groups()
+    _request_all()
+
+
 @persistent
 def _before_data_replaced(*_) -> None:
     """Undo takes for granted that nothing has changed since its last step.
@@ -409,7 +415,10 @@ def register() -> None:
     for name, function in _TABLE:
         getattr(bpy.app.handlers, name).append(function)
     if not bpy.app.background:
-        bpy.app.timers.register(_request_all, first_interval=0.0)
+        bpy.app.timers.register(_on_enabled, first_interval=0.0)
+    elif hasattr(bpy.data, "node_groups"):
+        # As Blender starts no data can be seen, and no file is open yet.
+        renew_groups()
 
 
 def unregister() -> None:
@@ -422,7 +431,7 @@ def unregister() -> None:
         handlers = getattr(bpy.app.handlers, name)
         if function in handlers:
             handlers.remove(function)
-    for timer in (_serve, _request_all):
+    for timer in (_serve, _on_enabled):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
     # The scenes' settings go next, and a render's thread may be reading them.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scenes
 
+from glass_refraction import handlers
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
 from glass_refraction.scene.memory import counters
@@ -28,6 +29,7 @@ from glass_refraction.scene.read.glasses import (
 from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of, unread
 from glass_refraction.scene.read.modifier_inputs import (
     data_path,
+    has_input,
     read_input,
     write_input,
 )
@@ -746,6 +748,16 @@ def test_glasses_of_an_older_version_are_renewed_with_all_they_have():
     renewed[VERSION_KEY] += 1  # By a newer version: it is not taken back.
     renew_groups()
     assert modifier.node_group == renewed
+
+
+def test_an_open_file_of_an_older_version_is_renewed_as_the_extension_is_enabled():
+    obj = _own_mesh(_ball())
+    old = glass_modifier(obj).node_group
+    old.interface.remove(old.interface.items_tree["In Mirrors"])
+    del old[VERSION_KEY]
+    handlers.unregister()
+    handlers.register()
+    assert has_input(glass_modifier(obj), "In Mirrors")
 
 
 def test_the_volume_absorption_of_the_meshs_own_material_is_cycles_own(tmp_path):
