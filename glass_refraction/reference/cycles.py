@@ -19,9 +19,10 @@ from ..scene.build.mirrored import INPUT as MIRROR
 from ..scene.build.shaders import math_node, met_where, new_surface
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.rays.looks import look_of
+from ..scene.read.bumps import bumps_of
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
 from ..scene.read.light_linking import lights_any
-from ..scene.read.mesh_glasses import CLEAR, opaque_bits
+from ..scene.read.mesh_glasses import CLEAR, glassy_materials, interface_node, opaque_bits
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .interfaces import Interfaces, interfaces, near_shells, overlapping
@@ -50,12 +51,22 @@ class _Style:
     temporary: ExitStack
     _materials: dict[tuple, bpy.types.Material] = field(default_factory=dict)
 
-    def material(self, kind: tuple) -> bpy.types.Material:
-        """The material of a kind, see `_kind` and `_glass_material`."""
-        if kind not in self._materials:
-            self._materials[kind] = _glass_material(self, *kind)
-            self.temporary.callback(bpy.data.materials.remove, self._materials[kind])
-        return self._materials[kind]
+    def material(self, kind: tuple, bumps: bpy.types.Material | None = None) -> bpy.types.Material:
+        """The material of a kind, see `_kind` and `_become_glass`, with the bumps of another."""
+        key = *kind, bumps
+        if key not in self._materials:
+            if bumps is None:
+                material = bpy.data.materials.new(f"{self.surface.title()} {kind[0]:g} {REFERENCE}")
+                material.node_tree.nodes.clear()
+                ends = {}
+            else:
+                material = bumps.copy()
+                ends = _bump_sockets(material)
+            self._materials[key] = material
+            self.temporary.callback(bpy.data.materials.remove, material)
+            material[TAG] = REFERENCE
+            _become_glass(material.node_tree, self, ends, *kind)
+        return self._materials[key]
 
     def set(self, owner, name: str, value) -> None:
         """Set a property until the reference ends."""
@@ -249,7 +260,11 @@ def _show_mesh(obj: bpy.types.Object, glass: Glass, style: _Style) -> None:
         thinner.strength = -FILM * float(np.ptp(np.array(obj.bound_box), axis=0).max())
         style.temporary.callback(obj.modifiers.remove, thinner)
     absorption = glass.absorption if glass.is_tinted else (None, None)
-    material = style.material((glass.description.ior, *absorption, *surface_look(glass)))
+    own_one = next(iter(glassy_materials(obj)), None)
+    material = style.material(
+        (glass.description.ior, *absorption, *surface_look(glass)),
+        own_one if bumps_of(own_one) is not None else None,
+    )
     if not obj.material_slots:
         obj.data.materials.append(material)
         style.temporary.callback(obj.data.materials.pop)
@@ -425,37 +440,57 @@ def _shrunk(mesh: bpy.types.Mesh) -> Matrix:
 
 
 def _kind(glass: Glass, surface: Surface) -> tuple:
-    """What a surface's material depends on, see `_glass_material`."""
+    """What a surface's material depends on, see `_become_glass`."""
     sides = (None, None)
     if glass.is_tinted:
         sides = [glass.absorption[medium] for medium in surface.media]
     return (surface.ior_inside / surface.ior_outside, *sides, *surface_look(glass))
 
 
-def _glass_material(
+def _bump_sockets(material: bpy.types.Material) -> dict[str, bpy.types.NodeSocket]:
+    """What is linked to the Normal of a glassy material and to the Displacement of its output,
+    which is taken out."""
+    tree = material.node_tree
+    end = tree.get_output_node("CYCLES")
+    inputs = interface_node(material).inputs["Normal"], end.inputs["Displacement"]
+    found = {i.name: i.links[0].from_socket for i in inputs if i.links and not i.links[0].is_muted}
+    for node in [node for node in tree.nodes if node.type == "OUTPUT_MATERIAL"]:
+        tree.nodes.remove(node)
+    return found
+
+
+def _become_glass(
+    tree: bpy.types.NodeTree,
     style: _Style,
+    bumps: dict[str, bpy.types.NodeSocket],
     eta: float,
     before: tuple | None,
     behind: tuple | None,
     roughness: float = 0.0,
     colour: tuple[float, float, float] = CLEAR,
     mirrored: tuple[float, float, float] = CLEAR,
-) -> bpy.types.Material:
-    """A clear material whose back is ``eta`` times as dense as its front.
+) -> None:
+    """Have a material's tree be of a clear one whose back is ``eta`` times as dense as its front.
 
-    ``before`` and ``behind`` are the absorption coefficients (red, green, blue, per metre) of the
-    media at its front and back, or None: what a ray lost on its way to the surface, it loses there.
+    ``bumps``: see `_bump_sockets`. ``before`` and ``behind`` are the absorption coefficients (red,
+    green, blue, per metre) of the media at its front and back, or None: what a ray lost on its way
+    to the surface, it loses there.
     """
-    material = bpy.data.materials.new(f"{style.surface.title()} {eta:g} {REFERENCE}")
-    material[TAG] = REFERENCE
-    tree = material.node_tree
-    tree.nodes.clear()
     absorption = None if before is None else (before, behind)
     interface = Interface(eta, absorption, roughness, colour, mirrored)
     shader = glass_shader(tree, interface, style.surface)
-    if style.shadows:
-        new_surface(tree, shader.outputs["BSDF"])
-        return material
+    if "Normal" in bumps:
+        tree.links.new(bumps["Normal"], shader.inputs["Normal"])
+    surface = shader.outputs["BSDF"]
+    end = new_surface(tree, surface if style.shadows else _without_shadow(tree, style, surface))
+    if "Displacement" in bumps:
+        tree.links.new(bumps["Displacement"], end.inputs["Displacement"])
+
+
+def _without_shadow(
+    tree: bpy.types.NodeTree, style: _Style, shader: bpy.types.NodeSocket
+) -> bpy.types.NodeSocket:
+    """The shader as it is seen by cameras, mirrors and glasses alone."""
     # Light that a rough surface gathers must pass the glass unbent: bent, it would find lamps
     # that the surface has already counted through the glass that casts no shadow.
     ray = tree.nodes.new("ShaderNodeLightPath").outputs
@@ -475,5 +510,4 @@ def _glass_material(
             counted = math_node(tree, operation, ray[f"{name} Depth"], 0.5)
             kept = math_node(tree, "MULTIPLY", kept, counted)
         meets = math_node(tree, "MAXIMUM", meets, kept)
-    new_surface(tree, met_where(tree, meets, shader.outputs["BSDF"]))
-    return material
+    return met_where(tree, meets, shader)

@@ -57,7 +57,8 @@ def met_where(
     return mix.outputs[0]
 
 
-def new_surface(tree: bpy.types.NodeTree, shader: bpy.types.NodeSocket) -> None:
-    """What the material's surface is."""
+def new_surface(tree: bpy.types.NodeTree, shader: bpy.types.NodeSocket) -> bpy.types.ShaderNode:
+    """The material's output, whose surface is the shader."""
     end = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(shader, end.inputs["Surface"])
+    return end
