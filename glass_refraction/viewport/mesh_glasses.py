@@ -52,8 +52,9 @@ class MeshGlasses:
     def __init__(self) -> None:
         self.line = ""
         self._known: dict[Key, tuple[tuple, _Grown]] = {}
-        self._growing: dict[Key, tuple[tuple, Iterator[_Grown | None]]] = {}
-        self._names: dict[Key, str] = {}
+        self._wanted: dict[Key, tuple] = {}
+        """What places wait for; instances for the same."""
+        self._growing: dict[tuple, tuple[str, Iterator[_Grown | None]]] = {}
 
     @property
     def waits(self) -> bool:
@@ -63,9 +64,11 @@ class MeshGlasses:
     def keep(self, places: list[Place]) -> None:
         """Let go of all others."""
         keys = {place.key for place in places}
-        for known in (self._known, self._growing):
+        for known in (self._known, self._wanted):
             for key in known.keys() - keys:
                 del known[key]
+        for key in self._growing.keys() - set(self._wanted.values()):
+            del self._growing[key]
 
     def read(
         self, place: Place, depsgraph: bpy.types.Depsgraph, news: News
@@ -119,9 +122,10 @@ class MeshGlasses:
         where, name = place.key, place.obj.name
         if key in _grown:
             self._known[where] = key, _grown[key]
-            self._growing.pop(where, None)
+            self._wanted.pop(where, None)
             return
-        if where in self._growing and self._growing[where][0] == key:
+        if key in self._growing:
+            self._wanted[where] = key
             return
         try:
             points, normals = triangles_of(evaluated.data, opaque_bits(glass_modifier(evaluated)))
@@ -137,27 +141,29 @@ class MeshGlasses:
         before = self._known.get(where) if bumps is None else None
         if before is not None and before[1].tree.count == len(points) <= QUICK_TRIANGLES:
             # The same mesh, deformed: its order is as good as any.
-            self._growing.pop(where, None)
+            self._wanted.pop(where, None)
             self._known[where] = (
                 key,
                 _Grown(form, before[1].tree.refitted(form.points, form.normals)),
             )
             _grown[key] = self._known[where][1]
             return
-        self._names[where] = name
-        self._growing[where] = key, _growing(form) if bumps is None else _bumped(bumps, stretch)
+        self._wanted[where] = key
+        self._growing[key] = name, _growing(form) if bumps is None else _bumped(bumps, stretch)
 
     def grow(self, seconds: float) -> bool:
         """Go on for a while; whether a mesh became ready, so that glasses are to be read anew."""
         until = time.perf_counter() + seconds
         while self._growing and time.perf_counter() < until:
-            where, (key, steps) = next(iter(self._growing.items()))
-            self.line = f'Mesh of glass "{self._names[where]}" is made ready'
+            key, (name, steps) = next(iter(self._growing.items()))
+            self.line = f'Mesh of glass "{name}" is made ready'
             found = next(steps)
             if found is not None:
-                self._known[where] = key, found
+                for where in [where for where, wanted in self._wanted.items() if wanted == key]:
+                    self._known[where] = key, found
+                    del self._wanted[where]
                 _grown[key] = found
-                del self._growing[where]
+                del self._growing[key]
                 self.line = ""
                 return True
         return False

@@ -51,6 +51,7 @@ def test_instances_of_other_sizes_share_what_is_made_of_their_mesh():
     layer.update()
     model, news = Model(), News()
     model.read(layer, space, news, anew=True)
+    assert len(model.meshes._growing) == 1
     while model.meshes.waits:
         model.meshes.grow(1.0)
         model.read(layer, space, news, anew=True)
