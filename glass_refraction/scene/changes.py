@@ -54,7 +54,8 @@ def note(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if any(not own(update.id) for update in depsgraph.updates):
         _generations[scene.original.session_uid] += 1
     for update in depsgraph.updates:
-        if update.is_updated_geometry and isinstance(update.id, bpy.types.Object):
+        is_shape = update.is_updated_geometry and isinstance(update.id, bpy.types.Object)
+        if is_shape or isinstance(update.id, bpy.types.Image):
             _shapes[update.id.original.session_uid] += 1
 
 
@@ -63,6 +64,6 @@ def generation(scene: bpy.types.Scene) -> int:
     return _generations[scene.original.session_uid]
 
 
-def shape_generation(obj: bpy.types.Object) -> int:
-    """Grows whenever an object's geometry was evaluated anew."""
-    return _shapes[obj.original.session_uid]
+def shape_generation(block: bpy.types.Object | bpy.types.Image) -> int:
+    """Grows whenever an object's geometry was evaluated anew, or an image was changed."""
+    return _shapes[block.original.session_uid]

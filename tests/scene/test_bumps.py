@@ -211,16 +211,29 @@ def test_a_flat_normal_map_changes_nothing_and_a_tilted_one_tilts_along_the_map(
     assert np.sort(np.abs(tilt[0])) == pytest.approx((0.0, 0.6, 0.8), abs=FINE)
 
 
+def painted(made, heights, space="Non-Color"):
+    """A picture in a material, of these heights (64,) along u."""
+    image = bpy.data.images.new("Ramp", 64, 4, float_buffer=True)
+    image.colorspace_settings.name = space
+    paint(image, heights)
+    picture = node(made, "TexImage")
+    picture.image = image
+    return picture
+
+
+def paint(image, heights):
+    pixels = np.ones((4, 64, 4), np.float32)
+    pixels[..., :3] = np.asarray(heights)[:, None]
+    image.pixels.foreach_set(pixels.ravel())
+
+
+RISE = (np.arange(64) + 0.5) / 64
+
+
 def test_heights_of_an_image_are_those_of_its_map():
     """Renders leave no map of a mesh: it is read of the mesh before."""
     made = material()
-    image = bpy.data.images.new("Ramp", 64, 4, float_buffer=True)
-    image.colorspace_settings.name = "Non-Color"
-    pixels = np.ones((4, 64, 4), np.float32)
-    pixels[..., :3] = ((np.arange(64) + 0.5) / 64)[:, None]
-    image.pixels.foreach_set(pixels.ravel())
-    picture = node(made, "TexImage")
-    picture.image = image
+    picture = painted(made, RISE)
     bump(made, picture.outputs["Color"], Distance=0.05)
     bpy.ops.mesh.primitive_plane_add(size=1.0)
     obj = bpy.context.object
@@ -232,6 +245,81 @@ def test_heights_of_an_image_are_those_of_its_map():
     inner = np.abs(mesh.points[..., 0]) < 0.4
     wanted = np.array((-0.05, 0.0, 1.0)) / np.hypot(0.05, 1.0)
     assert np.abs(mesh.normals[inner] - wanted).max() < 2 * FINE
+
+
+def test_an_image_that_is_painted_or_read_otherwise_is_looked_up_anew():
+    """It stayed as it was when it was first rendered."""
+    made = material()
+    picture = painted(made, RISE)
+    bump(made, picture.outputs["Color"], Distance=0.05)
+    cube(made)
+    first = seen()
+    paint(picture.image, RISE**2)
+    second = seen()
+    assert second != first
+    picture.image.colorspace_settings.name = "sRGB"
+    assert seen() not in (first, second)
+
+
+def test_heights_that_are_no_numbers_leave_unit_normals():
+    """Rays met normals that were no numbers."""
+    made = material()
+    picture = painted(made, np.where(np.arange(64) % 3, RISE, np.nan))
+    height = node(made, "Math")
+    height.operation = "EXPONENT"
+    factor = node(made, "Math")
+    factor.operation = "MULTIPLY"
+    factor.inputs[1].default_value = 1e4
+    link(made, ramp(made), factor.inputs[0])
+    link(made, factor.outputs[0], height.inputs[0])
+    first = bump(made, height.outputs[0], Distance=0.2)
+    bump(made, picture.outputs["Color"], Distance=0.2)
+    link(made, first.outputs[0], made.node_tree.nodes[-1].inputs["Normal"])
+    cube(made)
+    mesh = seen()
+    for normals in (mesh.normals, mesh.within):
+        assert np.linalg.norm(normals, axis=2) == pytest.approx(1.0)
+
+
+def test_scenes_that_share_a_material_have_its_bumps_whichever_is_ready():
+    """The points of the scene that was not ready were found first: the glass was smooth."""
+    made = material()
+    waves = noise(made)
+    bump(made, waves.outputs[0], Distance=0.03)
+    obj = cube(made)
+    one = bpy.context.scene
+    two = bpy.data.scenes.new("Two")
+    for shared in (obj, one.camera):
+        two.collection.objects.link(shared)
+    two.camera = one.camera
+    two.refractive_glass.shading = "TRUE"
+    for number, scene in enumerate((two, one, two)):
+        waves.noise_dimensions = ("3D", "2D", "4D")[number]
+        bpy.context.window.scene = scene
+        depsgraph = scenes.depsgraph()
+        door.prepare(scene, depsgraph)
+        assert read_glasses(depsgraph)[0].description.within is not None
+
+
+def test_many_small_bumped_meshes_are_kept_and_large_ones_are_let_go(monkeypatch):
+    """A frame of more than six glasses of a material found the bumps of each anew."""
+    made = material()
+    bump(made, ramp(made), Distance=0.03)
+    obj = cube(made)
+    for number in range(1, 8):
+        other = obj.copy()
+        other.scale = (1.0 + number,) * 3
+        bpy.context.scene.collection.objects.link(other)
+    prepared()
+    first, before = read_glasses(scenes.depsgraph()), counters["bumps"]
+    assert [g.description for g in read_glasses(scenes.depsgraph())] == [
+        g.description for g in first
+    ]
+    assert counters["bumps"] == before
+    bumps._kept.clear()
+    monkeypatch.setattr(bumps, "MOST_KEPT", 1)
+    read_glasses(scenes.depsgraph())
+    assert not bumps._kept
 
 
 def test_what_is_kept_is_what_is_found_anew():

@@ -29,7 +29,7 @@ def prepare_bumps(collection: bpy.types.Collection, materials: list[bpy.types.Ma
         if tree is not None and not tree.users:
             bpy.data.node_groups.remove(tree)
     for name, recipe in recipes.items():
-        if find_points(collection.objects, name) is None:
+        if not any(find_points(collection.objects, name, recipe)):
             points = new_object(BUMPS, bpy.data.meshes.new(hidden_name(BUMPS)), collection)
             points[OF_MATERIAL], points[STRUCTURE] = name, recipe.structure
             points.modifiers.new("Bumps", "NODES").node_group = _tree(recipe)

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 
 import bpy
 
+from ..changes import shape_generation
+
 GENERATED, OBJECT, WORLD, NORMAL, UV = "generated", "object", "world", "normal", "uv "
 """Coordinates that the points of a tree carry as attributes; that of a UV map ends in its name."""
 
@@ -56,7 +58,7 @@ class Recipe:
     stages : what tilts the normals, in order. fields : of each stage the vector it takes: height,
         strength and distance; height, middle and scale; or colour and, by another node, strength.
     coordinates : attributes that are read.
-    images : what is looked up: session uid, path and size of each.
+    images : what is looked up: of each the session uid, and what is equal as long as it is.
     """
 
     nodes: list[tuple[str, tuple]] = field(default_factory=list)
@@ -268,10 +270,15 @@ class _Reader:
 
     def _image(self, node, number: int) -> None:
         image = node.image
-        if image is None or image.source not in {"FILE", "GENERATED"} or node.projection != "FLAT":
+        if image is None:
+            raise Untranslatable(f"{node.bl_label} without an image")
+        if image.source not in {"FILE", "GENERATED"} or node.projection != "FLAT":
             raise Untranslatable(f"{node.bl_label} of a movie, of tiles or by a projection")
         image = image.original
-        self.recipe.images.append((image.session_uid, image.filepath, *image.size))
+        reading = image.colorspace_settings.name, image.alpha_mode, image.source
+        # Where it is painted on, Blender tells of a change.
+        seen = image.filepath, *image.size, *reading, shape_generation(image)
+        self.recipe.images.append((image.session_uid, *seen))
         smooth = {"Linear": "Linear", "Closest": "Closest"}.get(node.interpolation, "Cubic")
         kind, _ = self.recipe.nodes[number]
         properties = (("interpolation", smooth), ("extension", node.extension))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections import OrderedDict
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 
 import bpy
@@ -61,8 +61,10 @@ BLOCK = 40_000
 """Places whose normals are found between two events of a window: a tenth of a second."""
 ROUNDED = 5
 """Digits of an object's scale that count: a turn changes the last ones of single precision."""
-MOST_KEPT = 6
-"""Bumped meshes that are kept for the next time."""
+MOST_KEPT = 6 * MOST_TRIANGLES
+"""Triangles of bumped meshes that are kept for the next time: many small ones, or a few large."""
+MOST_PIXELS = 2048 * 2048
+"""Of an image whose pixels are compared with those of the last time: a tenth of a second."""
 
 
 def bumps_of(material: bpy.types.Material | None) -> Recipe | str | None:
@@ -89,9 +91,12 @@ def lost_bumps(obj: bpy.types.Object) -> list[str]:
     ]
 
 
-def find_points(objects: Iterable[bpy.types.Object], name: str) -> bpy.types.Object | None:
-    """The own points that a material's bumps are evaluated in."""
-    return next((o for o in objects if own(o, BUMPS) and o[OF_MATERIAL] == name), None)
+def find_points(
+    objects: Iterable[bpy.types.Object], name: str, recipe: Recipe
+) -> Iterator[bpy.types.Object]:
+    """The own points that a material's bumps are evaluated in: each scene has its own."""
+    made = name, recipe.structure
+    return (o for o in objects if own(o, BUMPS) and (o[OF_MATERIAL], o[STRUCTURE]) == made)
 
 
 def write_values(tree: bpy.types.NodeTree, recipe: Recipe) -> None:
@@ -163,9 +168,7 @@ def _recipe(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[str,
 
 def _ready_points(name: str, recipe: Recipe) -> bpy.types.Object | None:
     """The points to evaluate a material's bumps in, if they are made for these."""
-    found = find_points(bpy.data.objects, name)
-    is_made = found is not None and found[STRUCTURE] == recipe.structure
-    return found if is_made and found.users_scene else None
+    return next((o for o in find_points(bpy.data.objects, name, recipe) if o.users_scene), None)
 
 
 def bumping(
@@ -196,7 +199,7 @@ def bumping(
     maps = {name: _uv(obj, points, name[len(UV) :]) for name in recipe.coordinates if UV in name}
     place = to_world if recipe.is_of_world else _stretch(to_world[:3, :3])
     digest = hashlib.blake2b(repr(recipe.stamp()).encode())
-    for array in (points, normals, place, *maps.values()):
+    for array in (points, normals, place, *maps.values(), *_pixels(recipe)):
         digest.update(np.ascontiguousarray(array).tobytes())
     key = digest.digest()
     if key in _kept:
@@ -223,9 +226,19 @@ def _remembered(
     except _NotReady:
         return Corners(*triangles[:2])
     _kept[key] = found
-    while len(_kept) > MOST_KEPT:
+    while sum(len(corners.points) for corners in _kept.values()) > MOST_KEPT:
         _kept.popitem(last=False)
     return found
+
+
+def _pixels(recipe: Recipe) -> Iterator[np.ndarray]:
+    """What is painted on the images that a recipe looks up, but on very large ones."""
+    uids = {uid for uid, *_ in recipe.images}
+    for image in bpy.data.images:
+        if image.session_uid in uids and 0 < np.prod(image.size) <= MOST_PIXELS:
+            found = np.empty(len(image.pixels), np.float32)
+            image.pixels.foreach_get(found)
+            yield found
 
 
 class _NotReady(Exception):
@@ -570,9 +583,16 @@ class _Field:
         layer.update()
         found = cloud.evaluated_get(layer.depsgraph).data.attributes
         counters["bump_points"] += len(points)
+        # Maths may give what is no number, and images may hold it. Differences of these are to be
+        # numbers.
+        most = float(np.finfo(np.float32).max)
         return [
             [
-                read_attribute(found[FIELD.format(stage, part)]).astype(float)
+                np.nan_to_num(
+                    read_attribute(found[FIELD.format(stage, part)]).astype(float),
+                    posinf=most,
+                    neginf=-most,
+                )
                 for part in range(len(fields))
             ]
             for stage, fields in enumerate(self._recipe.fields)
