@@ -77,11 +77,11 @@ def sine(made, waves=9.0):
     return height.outputs[0]
 
 
-def noise(made, scale=4.0):
+def noise(made, scale=4.0, coordinate="Object"):
     found = node(made, "TexNoise", Scale=scale, Detail=0.0)
     found.noise_dimensions = "4D"
     place = node(made, "TexCoord")
-    link(made, place.outputs["Object"], found.inputs["Vector"])
+    link(made, place.outputs[coordinate], found.inputs["Vector"])
     return found
 
 
@@ -472,10 +472,15 @@ def test_what_bumps_need_is_hidden_freed_and_in_no_file(tmp_path):
     assert own_blocks() == []
 
 
-def test_a_bumped_pane_shows_what_it_shows_in_cycles(tmp_path):
-    """It was smooth: 14 dB."""
+@pytest.mark.parametrize("coordinates", [("Object",), ("Generated",), ("Generated", "Object")])
+def test_a_bumped_pane_shows_what_it_shows_in_cycles(tmp_path, coordinates):
+    """It was smooth: 14 dB. By attributes it was turned round for rays from within."""
     made = material()
-    bump(made, noise(made, 3.0).outputs[0], Distance=0.05)
+    heights = [noise(made, 3.0, name).outputs[0] for name in coordinates]
+    both = node(made, "Math")
+    for number, height in enumerate(heights):
+        link(made, height, both.inputs[number])
+    bump(made, both.outputs[0], Distance=0.05)
     bpy.ops.mesh.primitive_cube_add(size=1.0, scale=(1.6, 0.1, 1.2))
     bpy.ops.object.transform_apply(scale=True)
     pane = bpy.context.object

@@ -503,17 +503,17 @@ class _Field:
         base = _unit(places.normals @ inverse)
         along, across = self._along[places.triangle], self._across[places.triangle]
         step = STEP * self._size
-        offsets = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)) if recipe.has_heights else ((0, 0),)
+        offsets, outside, behind = _offsets(recipe)
         parts = [
             (
                 places.points + step * (x * along + y * across),
-                places.maps + step * (np.array((x, y)) @ self._slopes[places.triangle]),
+                places.points + step * hand * (x * along + y * across),
+                places.maps + step * hand * (np.array((x, y)) @ self._slopes[places.triangle]),
             )
-            for x, y in offsets
+            for x, y, hand in offsets
         ]
-        where = np.concatenate([p for p, _ in parts])
-        maps = np.concatenate([m for _, m in parts])
-        fields = self._evaluated(where, maps, np.tile(places.normals, (len(offsets), 1)))
+        where = [np.concatenate(part) for part in zip(*parts, strict=True)]
+        fields = self._evaluated(*where, np.tile(places.normals, (len(offsets), 1)))
         # The directions' lengths count: objects may be scaled.
         dx, dy = along @ self._linear.T, across @ self._linear.T
         outer, inner = base, base
@@ -531,10 +531,13 @@ class _Field:
             if stage.kind.endswith("OBJECT"):
                 distance = np.linalg.norm(_unit(places.normals) @ self._linear.T, axis=1)
             distance = -distance if stage.inverts else distance
-            grown = distance / (2.0 * step) * (height[1::2] - height[2::2])
+            grown, within = (
+                distance / (2.0 * step) * (height[up] - height[down])
+                for up, down in (outside, behind)
+            )
             outer = _bump(outer, dx, dy, grown, strength)
             # Cycles does not turn bumps round for what comes from within.
-            inner = _bump(inner, dx, dy, -grown, strength)
+            inner = _bump(inner, dx, dy, -within, strength)
         return outer, inner
 
     def _mapped(self, stage, values: list[np.ndarray], places: _Places, base) -> np.ndarray:
@@ -560,13 +563,16 @@ class _Field:
         mapped[lost] = base[lost]
         return mapped
 
-    def _evaluated(self, points: np.ndarray, maps: np.ndarray, normals: np.ndarray) -> list:
-        """Of each stage its fields (N, 3), by places in the object's frame."""
+    def _evaluated(
+        self, points: np.ndarray, mapped: np.ndarray, maps: np.ndarray, normals: np.ndarray
+    ) -> list:
+        """Of each stage its fields (N, 3), by places in the object's frame: those of coordinates
+        that are positions, and of those that are attributes."""
         known = {
             OBJECT: lambda: points,
             WORLD: lambda: points @ self._linear.T + self._to_world[:3, 3],
             NORMAL: lambda: _unit(normals),
-            GENERATED: lambda: self._generated(points),
+            GENERATED: lambda: self._generated(mapped),
         }
         for number, name in enumerate(self._names):
             pair = maps[:, 2 * number : 2 * number + 2]
@@ -601,6 +607,26 @@ class _Field:
     def _generated(self, points: np.ndarray) -> np.ndarray:
         middle, size = self._space[0], 2.0 * self._space[1]
         return (points - middle) * np.divide(1.0, size, out=np.zeros(3), where=size != 0) + 0.5
+
+
+def _offsets(recipe: Recipe) -> tuple[list, tuple, tuple]:
+    """Where heights are evaluated round a point, and which rows are their differences for rays from
+    outside, and for those from within.
+
+    A place is two steps, and 1 or −1 by which attributes are beside it: for a ray from within
+    Cycles turns the derivatives of attributes round, but not those of positions.
+    """
+    if not recipe.has_heights:
+        return [(0, 0, 1)], ((), ()), ((), ())
+    around = (1, 0), (-1, 0), (0, 1), (0, -1)
+    offsets = [(0, 0, 1), *((x, y, 1) for x, y in around)]
+    up, down = [1, 3], [2, 4]
+    is_mapped = any(name == GENERATED or name.startswith(UV) for name in recipe.coordinates)
+    if not is_mapped:
+        return offsets, (up, down), (up, down)
+    if recipe.coordinates.isdisjoint((OBJECT, WORLD)):
+        return offsets, (up, down), (down, up)
+    return [*offsets, *((x, y, -1) for x, y in around)], (up, down), ([5, 7], [6, 8])
 
 
 def _bump(
