@@ -135,7 +135,7 @@ class MeshGlasses:
                     f"{MOST_TRIANGLES}: fewer in the viewport make it shown"
                 )
             form = shaped(points, normals, stretch)
-            bumps = bumping(evaluated, depsgraph, points, normals, place.to_world, PATIENCE)
+            bumps = bumping(evaluated, depsgraph, points, normals, place.to_world, {}, PATIENCE)
         except ValueError as error:
             raise RefractiveGlassError(f'Glass "{name}": {error}') from error
         before = self._known.get(where) if bumps is None else None

@@ -177,6 +177,7 @@ def bumping(
     points: np.ndarray,
     normals: np.ndarray,
     to_world: np.ndarray,
+    painted: dict[tuple, bytes],
     patience: float = 0.0,
 ) -> Generator[None, None, Corners] | None:
     """The triangles of an evaluated glass with the bumps of its material, a little at a time.
@@ -187,6 +188,7 @@ def bumping(
     ----------
     points, normals : (T, 3, 3), in its own frame.
     to_world : (4, 4).
+    painted : digests of images' pixels, of glasses that are read at the same time.
     patience : seconds to wait for what is not prepared yet; then they are as they were.
 
     Returns
@@ -199,8 +201,12 @@ def bumping(
     maps = {name: _uv(obj, points, name[len(UV) :]) for name in recipe.coordinates if UV in name}
     place = to_world if recipe.is_of_world else _stretch(to_world[:3, :3])
     digest = hashlib.blake2b(repr(recipe.stamp()).encode())
-    for array in (points, normals, place, *maps.values(), *_pixels(recipe)):
+    for array in (points, normals, place, *maps.values()):
         digest.update(np.ascontiguousarray(array).tobytes())
+    images = tuple(recipe.images)
+    if images not in painted:
+        painted[images] = _painted(recipe)
+    digest.update(painted[images])
     key = digest.digest()
     if key in _kept:
         _kept.move_to_end(key)
@@ -231,14 +237,16 @@ def _remembered(
     return found
 
 
-def _pixels(recipe: Recipe) -> Iterator[np.ndarray]:
-    """What is painted on the images that a recipe looks up, but on very large ones."""
+def _painted(recipe: Recipe) -> bytes:
+    """Equal for equal pixels of the images that a recipe looks up, but of very large ones."""
     uids = {uid for uid, *_ in recipe.images}
-    for image in bpy.data.images:
+    digest = hashlib.blake2b()
+    for image in bpy.data.images if uids else ():
         if image.session_uid in uids and 0 < np.prod(image.size) <= MOST_PIXELS:
-            found = np.empty(len(image.pixels), np.float32)
-            image.pixels.foreach_get(found)
-            yield found
+            pixels = np.empty(len(image.pixels), np.float32)
+            image.pixels.foreach_get(pixels)
+            digest.update(pixels)
+    return digest.digest()
 
 
 class _NotReady(Exception):
@@ -262,6 +270,7 @@ class Bumps:
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._painted: dict[tuple, bytes] = {}
         self.problems: list[str] = []
 
     def of(
@@ -275,7 +284,8 @@ class Bumps:
         key = evaluated.data.as_pointer()
         if key not in self._known:
             self._known[key] = triangles_of(evaluated.data, opaque)
-        found, steps = None, bumping(evaluated, depsgraph, *self._known[key], to_world)
+        found = None
+        steps = bumping(evaluated, depsgraph, *self._known[key], to_world, self._painted)
         if steps is None:
             return Corners(*self._known[key])
         while found is None:
