@@ -55,6 +55,8 @@ class MeshGlasses:
         self._wanted: dict[Key, tuple] = {}
         """What places wait for; instances for the same."""
         self._growing: dict[tuple, tuple[str, Iterator[_Grown | None]]] = {}
+        # Of large images they take a tenth of a second: too long for each step of a slider.
+        self._painted: dict[tuple, int] = {}
 
     @property
     def waits(self) -> bool:
@@ -135,7 +137,15 @@ class MeshGlasses:
                     f"{MOST_TRIANGLES}: fewer in the viewport make it shown"
                 )
             form = shaped(points, normals, stretch)
-            bumps = bumping(evaluated, depsgraph, points, normals, place.to_world, {}, PATIENCE)
+            bumps = bumping(
+                evaluated,
+                depsgraph,
+                points,
+                normals,
+                place.to_world,
+                self._painted,
+                PATIENCE,
+            )
         except ValueError as error:
             raise RefractiveGlassError(f'Glass "{name}": {error}') from error
         before = self._known.get(where) if bumps is None else None
