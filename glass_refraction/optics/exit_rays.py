@@ -205,6 +205,7 @@ class _Followed:
     row: NDArray[np.intp] = field(init=False)
     media: Media = field(init=False)
     meshes: list[int] = field(init=False)
+    mesh_rows: NDArray[np.intp] = field(init=False)
     alpha: Floats = field(init=False)
     rows: list[tuple[_Live, Floats]] = field(default_factory=list)
     passed: list[tuple[NDArray, NDArray]] = field(default_factory=list)
@@ -214,6 +215,7 @@ class _Followed:
         self.row, shared = shared_media(self.glasses)
         self.media = Media(shared)
         self.meshes = [n for n, glass in enumerate(self.glasses) if glass.is_mesh]
+        self.mesh_rows = np.unique(self.row[self.meshes])
         self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
         self.rough = bool(self.alpha.any())
         self.tints = surface_depths(self.glasses)
@@ -377,7 +379,7 @@ class _Followed:
         """The next faces of meshes, for those rays that can meet one."""
         some = np.arange(len(live))
         if self.mesh_boxes is not None:
-            inside = (live.medium[np.unique(self.row[self.meshes])] > 0).any(axis=0)
+            inside = (live.medium[self.mesh_rows] > 0).any(axis=0)
             endless = np.full(len(live), np.inf)
             inside |= near_boxes(self.mesh_boxes, live.place, live.direction, endless)
             some = np.flatnonzero(inside)

@@ -11,13 +11,13 @@ from glass_refraction.scene.read.arrays import corner_normals, read_attribute
 from glass_refraction.scene.read.glasses import read_glasses
 from glass_refraction.scene.read.mesh_arrays import read_source_mesh, write_mesh
 from glass_refraction.scene.read.sources import pieces
+from glass_refraction.scene.read.triangles import Triangles
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.vertices.appearance import Solver
 from glass_refraction.scene.vertices.regions import picture_rect
 from glass_refraction.scene.vertices.tessellation import (
     PER_PIXEL,
     Images,
-    Triangles,
     refine,
     region_probe,
 )

@@ -28,7 +28,7 @@ from glass_refraction.scene.read.arrays import write_attribute  # noqa: E402
 from glass_refraction.scene.read.mesh_arrays import read_source_mesh, write_mesh  # noqa: E402
 from glass_refraction.scene.read.modifier_inputs import write_input  # noqa: E402
 from glass_refraction.scene.read.sources import pieces, world_positions  # noqa: E402
-from glass_refraction.scene.vertices.tessellation import Triangles  # noqa: E402
+from glass_refraction.scene.read.triangles import Triangles  # noqa: E402
 
 SIZE = 32
 MOVED = (3, -2, 1)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..names import TAG, hidden_name, own
-from ..read.bump_recipe import Recipe
+from ..read.bump_recipe import Recipe, by_identifier
 from ..read.bumps import BUMPS, FIELD, OF_MATERIAL, STRUCTURE, bumps_of, find_points, write_values
 from .own_scenes import new_object, remove_objects
 
@@ -50,11 +50,9 @@ def _tree(recipe: Recipe) -> bpy.types.NodeTree:
         made.append(node)
     write_values(tree, recipe)
 
-    def socket(sockets, identifier: str) -> bpy.types.NodeSocket:
-        return next(s for s in sockets if s.identifier == identifier)
-
     for first, output, second, name in recipe.links:
-        tree.links.new(socket(made[first].outputs, output), socket(made[second].inputs, name))
+        source = by_identifier(made[first].outputs, output)
+        tree.links.new(source, by_identifier(made[second].inputs, name))
     geometry = tree.nodes.new("NodeGroupInput").outputs["Geometry"]
     for stage, fields in enumerate(recipe.fields):
         for part, (node, output) in enumerate(fields):
@@ -62,7 +60,7 @@ def _tree(recipe: Recipe) -> bpy.types.NodeTree:
             store.data_type = "FLOAT_VECTOR"
             store.inputs["Name"].default_value = FIELD.format(stage, part)
             tree.links.new(geometry, store.inputs["Geometry"])
-            tree.links.new(socket(made[node].outputs, output), store.inputs["Value"])
+            tree.links.new(by_identifier(made[node].outputs, output), store.inputs["Value"])
             geometry = store.outputs["Geometry"]
     tree.links.new(geometry, tree.nodes.new("NodeGroupOutput").inputs["Geometry"])
     return tree

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...optics.vectors import dot
+from ..read.arrays import unit
 from .caster import Caster, Past
 from .columns import Columns, joined
 from .sketches import Sketch, Sketches
@@ -192,8 +193,7 @@ class Scene:
         self._sketches = Sketches() if sketches is None else sketches
         a, b, c = (things.points[things.triangles[:, k]] for k in range(3))
         normals = np.cross(b - a, c - a)
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        self.normals = np.append(normals / np.where(length > 0.0, length, 1.0), np.zeros((1, 3)), 0)
+        self.normals = np.append(unit(normals), np.zeros((1, 3)), 0)
         looks = things.looks
         # The sky is the last, by its number −1.
         self._is_lamp = np.array([*(look.is_lamp for look in looks), False], bool)

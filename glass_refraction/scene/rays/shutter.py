@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..read.arrays import unit
 from ..read.glasses import Glass
 from ..read.viewpoint import Viewpoint
 from .hits import Ways
@@ -135,9 +136,7 @@ def _between_glasses(first: Glass, second: Glass, part: float) -> Glass:
 
 
 def _mixed_normals(first: np.ndarray, second: np.ndarray, part: float) -> np.ndarray:
-    normals = _mixed(first, second, part)
-    length = np.linalg.norm(normals, axis=2, keepdims=True)
-    return normals / np.where(length > 0.0, length, 1.0)
+    return unit(_mixed(first, second, part))
 
 
 def _mixed(first: np.ndarray, second: np.ndarray, part: float) -> np.ndarray:

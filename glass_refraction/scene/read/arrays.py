@@ -23,6 +23,12 @@ KINDS = {
 }
 
 
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Unit vectors (..., 3) of that direction; of none 0."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0.0, length, 1.0)
+
+
 def affine(points: np.ndarray, matrix: np.ndarray, out: np.ndarray) -> np.ndarray:
     """Points (N, 3) times an affine (k, 4) matrix into ``out`` (N, k), in blocks that fit a cache.
 

@@ -205,7 +205,7 @@ class _Reader:
                     return None, socket, groups
                 socket = through[0]
             elif node.type == "GROUP_INPUT":
-                socket = _by_identifier(groups[-1].inputs, output.identifier)
+                socket = by_identifier(groups[-1].inputs, output.identifier)
                 groups = groups[:-1]
             elif node.type == "GROUP" and node.node_tree is not None:
                 inner = (n for n in node.node_tree.nodes if n.type == "GROUP_OUTPUT")
@@ -213,7 +213,7 @@ class _Reader:
                 if end is None:
                     return None, socket, groups
                 groups = (*groups, node)
-                socket = _by_identifier(end.inputs, output.identifier)
+                socket = by_identifier(end.inputs, output.identifier)
             else:
                 return node, output, groups
 
@@ -375,7 +375,8 @@ def attribute_of(coordinate: str) -> str:
     return f"rg_{coordinate}"
 
 
-def _by_identifier(sockets, identifier: str) -> bpy.types.NodeSocket:
+def by_identifier(sockets, identifier: str) -> bpy.types.NodeSocket:
+    """The socket of that identifier: names may be those of several."""
     return next(s for s in sockets if s.identifier == identifier)
 
 

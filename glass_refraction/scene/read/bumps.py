@@ -20,8 +20,7 @@ import numpy as np
 
 from ..memory import counters
 from ..names import own
-from ..vertices.tessellation import Triangles
-from .arrays import mesh_triangles, positions, read_attribute, write_attribute
+from .arrays import mesh_triangles, positions, read_attribute, unit, write_attribute
 from .bump_recipe import (
     GENERATED,
     NORMAL,
@@ -31,9 +30,11 @@ from .bump_recipe import (
     Recipe,
     Untranslatable,
     attribute_of,
+    by_identifier,
     recipe_of,
 )
 from .mesh_glasses import Corners, glassy_materials, interface_node, triangles_of
+from .triangles import Triangles
 
 BUMPS = "bumps"
 """Role of the own points that a material's bumps are evaluated in, and of their tree."""
@@ -114,7 +115,7 @@ def write_values(tree: bpy.types.NodeTree, recipe: Recipe) -> None:
         elif name == "output":
             _write(node.outputs[0], "default_value", value)
         else:
-            socket = next(s for s in node.inputs if s.identifier == name)
+            socket = by_identifier(node.inputs, name)
             _write(socket, "default_value", _fitted(value, socket.default_value))
 
 
@@ -419,7 +420,7 @@ class _Field:
             source[of_triangle.ravel()] = np.repeat(triangles.origin, 3)
             middles = places.between(edges[asked], source[asked])
             outer, inner = yield from self._tilted(middles)
-            straight = _unit(tilted[edges[asked]].mean(axis=1))
+            straight = unit(tilted[edges[asked]].mean(axis=1))
             gap = np.linalg.norm(outer - straight, axis=1)
             length = np.linalg.norm(np.diff(places.points[edges], axis=1)[:, 0], axis=1)
             long = length[asked] > COARSE * self._size
@@ -458,7 +459,7 @@ class _Field:
             tilted = np.concatenate((tilted, normal[new]))
             within = np.concatenate((within, behind[new]))
             triangles = triangles.split(edges, of_triangle, chosen)
-        if np.abs(tilted - _unit(places.normals @ np.linalg.inv(self._linear))).max() < FLAT:
+        if np.abs(tilted - unit(places.normals @ np.linalg.inv(self._linear))).max() < FLAT:
             return Corners(points, normals)
         # Normals of the mesh's own frame: places in the world turn them by the inverse.
         corners = triangles.corners
@@ -472,8 +473,8 @@ class _Field:
     def _frame(self, points: np.ndarray, maps: np.ndarray) -> None:
         """Two directions in each triangle, and how its maps grow along them."""
         first, second = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
-        along = _unit(first)
-        across = _unit(second - (second * along).sum(axis=1, keepdims=True) * along)
+        along = unit(first)
+        across = unit(second - (second * along).sum(axis=1, keepdims=True) * along)
         self._along, self._across = along, across
         # A map is affine in a triangle: its slopes by the two edges from the first corner.
         a = (first * along).sum(axis=1)
@@ -493,7 +494,7 @@ class _Field:
             du, dv = np.moveaxis(self._slopes[:, :, 2 * number : 2 * number + 2], 2, 0)
             hand = np.sign(du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
             grows = hand[:, None] * (dv[:, 1:] * self._along - dv[:, :1] * self._across)
-            found[name] = _unit(grows), hand
+            found[name] = unit(grows), hand
         return found
 
     def _tilted(self, places: _Places) -> Generator[None, None, np.ndarray]:
@@ -510,7 +511,7 @@ class _Field:
         meet them."""
         recipe, count = self._recipe, len(places.points)
         inverse = np.linalg.inv(self._linear)
-        base = _unit(places.normals @ inverse)
+        base = unit(places.normals @ inverse)
         along, across = self._along[places.triangle], self._across[places.triangle]
         step = STEP * self._size
         offsets, outside, behind = _offsets(recipe)
@@ -539,7 +540,7 @@ class _Field:
                 middle, scale = np.moveaxis(values[0], 2, 0)[1:]
                 height, strength, distance = (height - middle) * scale, 1.0, 1.0
             if stage.kind.endswith("OBJECT"):
-                distance = np.linalg.norm(_unit(places.normals) @ self._linear.T, axis=1)
+                distance = np.linalg.norm(unit(places.normals) @ self._linear.T, axis=1)
             distance = -distance if stage.inverts else distance
             grown, within = (
                 distance / (2.0 * step) * (height[up] - height[down])
@@ -555,20 +556,20 @@ class _Field:
         colour, strength = 2.0 * values[0][0] - 1.0, values[1][0][:, :1]
         if stage.kind == "TANGENT":
             grows, hand = (part[places.triangle] for part in self._grows[UV + stage.uv])
-            normal = _unit(places.normals)
-            tangent = _unit(grows - (grows * normal).sum(axis=1, keepdims=True) * normal)
+            normal = unit(places.normals)
+            tangent = unit(grows - (grows * normal).sum(axis=1, keepdims=True) * normal)
             side = hand[:, None] * np.cross(normal, tangent)
             x, y, z = np.moveaxis(colour[..., None], 1, 0)
             z = 1.0 + np.clip(strength, 0.0, 1.0) * (z - 1.0)
             mapped = strength * (x * tangent + y * side) + z * normal
-            mapped = _unit(mapped @ np.linalg.inv(self._linear))
+            mapped = unit(mapped @ np.linalg.inv(self._linear))
         else:
             if stage.kind.startswith("BLENDER"):
                 colour = colour * (1.0, -1.0, -1.0)
             mapped = colour
             if stage.kind.endswith("OBJECT"):
                 mapped = mapped @ np.linalg.inv(self._linear)
-            mapped = _unit(base + np.maximum(strength, 0.0) * (_unit(mapped) - base))
+            mapped = unit(base + np.maximum(strength, 0.0) * (unit(mapped) - base))
         lost = ~mapped.any(axis=1)
         mapped[lost] = base[lost]
         return mapped
@@ -581,7 +582,7 @@ class _Field:
         known = {
             OBJECT: lambda: points,
             WORLD: lambda: points @ self._linear.T + self._to_world[:3, 3],
-            NORMAL: lambda: _unit(normals),
+            NORMAL: lambda: unit(normals),
             GENERATED: lambda: self._generated(mapped),
         }
         for number, name in enumerate(self._names):
@@ -647,10 +648,5 @@ def _bump(
     by_x, by_y = np.cross(dy, normal), np.cross(normal, dx)
     det = (dx * by_x).sum(axis=1, keepdims=True)
     slope = grown[0][:, None] * by_x + grown[1][:, None] * by_y
-    tilted = _unit(np.abs(det) * normal - np.sign(det) * slope)
-    return _unit(strength * tilted + (1.0 - strength) * normal)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0.0, length, 1.0)
+    tilted = unit(np.abs(det) * normal - np.sign(det) * slope)
+    return unit(strength * tilted + (1.0 - strength) * normal)

@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ..vertices.tessellation import Triangles
 from .arrays import (
     corner_normals,
     mesh_triangles,
     read_attribute,
+    unit,
     write_attribute,
     write_polygons,
 )
 from .sources import Piece, world_positions
+from .triangles import Triangles
 
 # Attributes that Blender makes from the mesh itself or that belong to other domains.
 _MATERIAL = "material_index"
@@ -48,7 +49,7 @@ class SourceMesh:
         return SourceMesh(
             parts.points,
             parts.corners,
-            _unit(_at(self.normals, parts)),
+            unit(_at(self.normals, parts)),
             {name: (kind, _at(values, parts)) for name, (kind, values) in self.at_corner.items()},
             {name: (kind, values[parts.origin]) for name, (kind, values) in self.of_face.items()},
         )
@@ -94,7 +95,7 @@ def read_source_mesh(parts: list[Piece], extra: dict[str, np.ndarray] | None = N
         )
         count = len(vertices)
         turn = np.linalg.inv(part.to_world[:3, :3]).T
-        normals.append(_unit(corner_normals(mesh)[loops] @ turn.T))
+        normals.append(unit(corner_normals(mesh)[loops] @ turn.T))
         for attribute in mesh.attributes:
             if attribute.name in _LEFT_OUT or attribute.domain == "EDGE":
                 continue
@@ -149,8 +150,3 @@ def write_mesh(mesh: bpy.types.Mesh, source: SourceMesh) -> None:
 def _at(values: np.ndarray, parts: Triangles) -> np.ndarray:
     """Values (T, 3, k) of source corners, interpolated at the corners of the parts."""
     return parts.weights @ values[parts.origin]
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(length > 0, length, 1.0)

@@ -10,7 +10,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from .arrays import read_attribute
+from .arrays import read_attribute, unit
 
 SIDES = 3
 """Of a strand's cross-section."""
@@ -76,12 +76,12 @@ def _prisms(place: np.ndarray, radius: np.ndarray, curve: np.ndarray, slots: np.
     step = place[begin + 1] - place[begin]
     along[begin] += step
     along[begin + 1] += step
-    along = _unit(along)
+    along = unit(along)
     # Across a curve, as far as it is flat: there it turns round its own direction the least.
     spread = np.zeros((len(slots), 3, 3))
     np.add.at(spread, curve, along[:, :, None] * along[:, None, :])
     up = np.linalg.eigh(spread)[1][curve, :, 0]
-    right = _unit(np.cross(along, up))
+    right = unit(np.cross(along, up))
     up = np.cross(right, along)
     # A convex outline is as wide, on average, as its length over π.
     wide = radius * np.pi / (SIDES * np.sin(np.pi / SIDES))
@@ -119,11 +119,6 @@ def _ball(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
     # A convex body shows, on average, a quarter of its surface.
     surface = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
     return points * np.sqrt(4.0 * np.pi / surface), faces
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(length > 0.0, length, 1.0)
 
 
 def _values(data: bpy.types.Curves | bpy.types.PointCloud, name: str, default: np.ndarray):
