@@ -22,7 +22,16 @@ from .axial import nearest
 from .boxes import TOUCHING, fewer, grain, near_boxes
 from .facets import ENDLESS, bent, facet_shares, fold, visible_facets
 from .laws import proper_rays, reflectance_and_cosine
-from .placed import NOWHERE, STAMPS, Media, Placed, PlacedGlass, shared_media, surface_depths
+from .placed import (
+    NOWHERE,
+    STAMPS,
+    Media,
+    Placed,
+    PlacedGlass,
+    shared_media,
+    surface_rows,
+    surfaces,
+)
 from .profiles import Profile
 from .solver import in_blocks
 from .surfaces import HORIZON, Floats, Rays
@@ -118,10 +127,12 @@ Cast = Callable[[Floats, Floats], tuple[Floats, NDArray[np.intp]]]
 """(origins (L, 3), unit directions (L, 3)) -> (L,) metres to the nearest thing, inf for none, and
 its number (L,), -1 for none."""
 
-Meet = Callable[[Floats, Floats], tuple[NDArray[np.intp], Floats, Floats, Floats]]
+Meet = Callable[[Floats, Floats], tuple[NDArray, ...]]
 """(origins (L, 3), unit directions (L, 3)) -> of the next face of a mesh that is a glass: number of
 the glass (L,) in the list of all, metres (L,) to it, inf for none, the face's normal (L, 3) and the
-interpolated one, both towards its front, not necessarily unit.
+interpolated one, both towards its front, not necessarily unit. Where a glass is painted, also what
+the surface is like there (L, 7), of whatever mesh: its roughness and the parts of the light, red,
+green, blue, that get through where it is refracted, and where it is reflected.
 
 Meshes that touch each other must be told apart: then each result has a first axis more, (H, L) and
 (H, L, 3), with the next face of one group of meshes in each row.
@@ -172,7 +183,8 @@ class _NextFace(Columns):
 
     `flat`: normals of a mesh's faces, where there are meshes, else (0, L); `normal` then is the
     interpolated one. `after`: as `_Live.medium`, behind it. `leaked`: the ray is in a glass of
-    which it meets nothing, by rounding.
+    which it meets nothing, by rounding. `surface`: (7, L), see `surface_rows`, where a glass is
+    painted, else (0, L).
     """
 
     way: Floats
@@ -182,6 +194,7 @@ class _NextFace(Columns):
     flat: Floats
     after: NDArray[np.int8]
     leaked: NDArray[np.bool_]
+    surface: Floats
 
 
 @dataclass
@@ -206,7 +219,7 @@ class _Followed:
     media: Media = field(init=False)
     meshes: list[int] = field(init=False)
     mesh_rows: NDArray[np.intp] = field(init=False)
-    alpha: Floats = field(init=False)
+    surfaces: Floats = field(init=False)
     rows: list[tuple[_Live, Floats]] = field(default_factory=list)
     passed: list[tuple[NDArray, NDArray]] = field(default_factory=list)
     steps: int = 0
@@ -216,12 +229,13 @@ class _Followed:
         self.media = Media(shared)
         self.meshes = [n for n, glass in enumerate(self.glasses) if glass.is_mesh]
         self.mesh_rows = np.unique(self.row[self.meshes])
-        self.alpha = np.array([glass.roughness**2 for glass in self.glasses])
-        self.rough = bool(self.alpha.any())
-        self.tints = surface_depths(self.glasses)
+        self.surfaces = surfaces(self.glasses)
+        self.painted = any(self.glasses[number].is_painted for number in self.meshes)
+        self.rough = self.painted or bool(self.surfaces[0].any())
+        self.tinted = self.painted or bool(self.surfaces[1:].any())
         # Rays that are lost in a mesh's interpolated normals end black too.
         dark = bool(self.meshes) or not self.fresnel
-        self.dims = not self.media.clear or self.tints is not None or dark
+        self.dims = not self.media.clear or self.tinted or dark
         boxes = [self.glasses[number].box for number in self.meshes]
         self.mesh_boxes, self.farthest = None, np.inf
         if boxes and not any(box is None for box in boxes):
@@ -332,6 +346,7 @@ class _Followed:
             flat=np.zeros((3 if self.meshes else 0, count)),
             after=live.medium.copy(),
             leaked=np.zeros(count, dtype=bool),
+            surface=np.zeros((7 if self.painted else 0, count)),
         )
         sheets = self.meet_meshes(live) if self.meshes else []
 
@@ -371,6 +386,10 @@ class _Followed:
                     met.normal[axis][index] = normal
                     if self.meshes:
                         met.flat[axis][index] = flat
+                if self.painted and isinstance(meeting, _Faces):
+                    met.surface[:, index] = meeting.surface
+                elif self.painted:
+                    met.surface[:, index] = self.surfaces[:, [meeting.number]]
 
         in_blocks(work, count)
         return met
@@ -387,22 +406,27 @@ class _Followed:
             return []
         along = columns(live.direction, some)
         origins = np.ascontiguousarray(columns(live.place, some).T)
-        glass, way, flat, smooth = self.ask(origins, np.ascontiguousarray(along.T))
+        glass, way, flat, smooth, *finish = self.ask(origins, np.ascontiguousarray(along.T))
+        if self.painted and not finish:
+            raise ValueError("meet must tell what the surfaces of painted glasses are like")
         found = []
         rows = (np.asarray(part).reshape(-1, *part.shape[-1:]) for part in (glass, way))
+        groups = np.size(way) // len(some)
+        (finish,) = finish if self.painted else (np.zeros((groups, len(some), 0)),)
         vectors = (
-            np.asarray(part, dtype=float).reshape(-1, len(some), 3) for part in (flat, smooth)
+            np.asarray(part, dtype=float).reshape(groups, len(some), -1)
+            for part in (flat, smooth, finish)
         )
-        for numbers, ways, flats, smooths in zip(*rows, *vectors, strict=True):
+        for numbers, ways, flats, smooths, finishes in zip(*rows, *vectors, strict=True):
             on = np.flatnonzero(np.isfinite(ways))
             on = on[np.abs(flats[on]).max(axis=1, initial=0.0) > 0.0]
             flats, smooths = units(flats[on].T), units(smooths[on].T)
             lost = ~smooths.any(axis=0)
             smooths[:, lost] = flats[:, lost]
             beyond = (dot(flats, along[:, on]) < 0.0).astype(np.int8)
-            found.append(
-                _Faces(some[on], ways[on], numbers[on].astype(np.intp), beyond, flats, smooths)
-            )
+            surface = surface_rows(finishes[on]) if self.painted else np.zeros((0, len(on)))
+            numbers = numbers[on].astype(np.intp)
+            found.append(_Faces(some[on], ways[on], numbers, beyond, flats, smooths, surface))
         return found
 
     def look(self, live: _Live, far: Floats) -> Floats:
@@ -525,9 +549,10 @@ class _Followed:
         off = self._child(live, back, weight=weights[1])
         # Few are followed on.
         off.direction = units(off.direction + (2.0 * cosine[back]) * columns(normal, back))
-        if self.tints is not None:
-            through.depth += np.where(straight, 0.0, self.tints[0, met.glass].T)[:, on]
-            off.depth += self.tints[1, met.glass[back]].T
+        if self.tinted:
+            depths = self.surface(met)[1:]
+            through.depth += np.where(straight, 0.0, depths[:3])[:, on]
+            off.depth += depths[3:, back]
         if self.meshes:
             # Off all faces met here, which float32 puts a little before the place or behind it.
             through.place -= CLEARANCE * near[on] * columns(flat, on)
@@ -548,6 +573,10 @@ class _Followed:
             dark, off = _Live.join([dark, off]), off.take(slice(0, 0))
         dark.depth = np.full_like(dark.depth, np.inf)
         return seen, dark, through, off, *dropped
+
+    def surface(self, met: _NextFace) -> Floats:
+        """(7, L) what is met does to light, see `surface_rows`."""
+        return met.surface if self.painted else self.surfaces[:, met.glass]
 
     def _kept(self, live: _Live, reflectance: Floats, crossing: _Crossing) -> NDArray[np.int16]:
         """`_Live.kept` behind the interfaces."""
@@ -609,7 +638,7 @@ class _Followed:
         At the first rough interface a ray becomes `FACETS` rays, one a facet. From there on each
         keeps its number, and meets one facet at each rough interface.
         """
-        alpha = self.alpha[met.glass]
+        alpha = self.surface(met)[0]
         rough = (alpha > 0.0) & ~crossing.straight
         fresh = rough & (live.facet < 0)
         rows = np.repeat(np.arange(len(live)), np.where(fresh, FACETS, 1))
@@ -697,7 +726,8 @@ class _Meeting:
 
 @dataclass
 class _Faces(Columns):
-    """Rays, by `index`, that meet faces of meshes; glass by `number`, unit normals (3, n)."""
+    """Rays, by `index`, that meet faces of meshes; glass by `number`, unit normals (3, n), and
+    `surface` as of `_NextFace`."""
 
     interface = 0
     index: NDArray[np.intp]
@@ -706,6 +736,7 @@ class _Faces(Columns):
     beyond: NDArray[np.int8]
     flat: Floats
     smooth: Floats
+    surface: Floats
 
     def within(self, block: slice) -> _Faces:
         """Those of a block of rays, counted from its first."""
@@ -836,7 +867,7 @@ def exit_rays(
     ------
     ValueError
         Where the glasses' surroundings differ, an absorption has the wrong shape, or there are
-        meshes and no `meet`.
+        meshes and no `meet`, or painted ones of which it does not tell the surface.
     """
     directions = np.atleast_2d(np.asarray(direction, dtype=float))
     origins = np.asarray(origin, dtype=float)

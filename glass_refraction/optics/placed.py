@@ -137,6 +137,8 @@ class PlacedMesh:
     tints : (2, 3), optional
         Parts of the light, red, green, blue, that get through where it is refracted at a surface,
         and where it is reflected, beside Fresnel's law. None: all.
+    is_painted : bool
+        Roughness and tints differ from place to place, and `meet` tells them.
     """
 
     ior: float
@@ -145,6 +147,7 @@ class PlacedMesh:
     roughness: float = 0.0
     box: ArrayLike | None = None
     tints: ArrayLike | None = None
+    is_painted: bool = False
 
     is_mesh: ClassVar[bool] = True
 
@@ -167,13 +170,26 @@ DARKEST = 1e-6
 """Part of the light that a black surface lets through: its logarithm is finite."""
 
 
-def surface_depths(glasses: Sequence[Placed]) -> Floats | None:
-    """Optical depths (2, G, 3) of refraction and reflection at each surface; None: no tint."""
-    depths = np.zeros((2, len(glasses), 3))
+def surfaces(glasses: Sequence[Placed]) -> Floats:
+    """(7, G) what the surface of each glass does to light, see `surface_rows`."""
+    finish = np.ones((len(glasses), 7))
     for number, glass in enumerate(glasses):
+        finish[number, 0] = glass.roughness
         if isinstance(glass, PlacedMesh) and glass.tints is not None:
-            depths[:, number] = -np.log(np.clip(np.asarray(glass.tints, float), DARKEST, 1.0))
-    return depths if depths.any() else None
+            finish[number, 1:] = np.ravel(glass.tints)
+    return surface_rows(finish)
+
+
+def surface_rows(finish: ArrayLike) -> Floats:
+    """(7, N) what surfaces do to light: the width of their facets' distribution, the square of
+    their roughness; and the optical depths, red, green, blue, of refraction and of reflection.
+
+    ``finish``: (N, 7) roughness and the parts of the light that get through.
+    """
+    rows = np.array(np.transpose(finish), dtype=float)
+    rows[0] **= 2
+    rows[1:] = -np.log(np.clip(rows[1:], DARKEST, 1.0))
+    return rows
 
 
 RIGID = 1e-5

@@ -442,3 +442,75 @@ def test_roughness_and_pixels_that_are_none():
         optics.exit_rays([pane(0.1)], (0, 0, 1), [(0, 0, -1)], pixel=[0.5])
     with pytest.raises(ValueError, match="sample must be"):
         optics.exit_rays([pane(0.1)], (0, 0, 1), [(0, 0, -1)], sample=[1, 2])
+
+
+def painted(meet, finish):
+    """`meet` that tells, too, what surfaces are like: by what `finish` makes of places."""
+
+    def tell(origins, directions):
+        glass, way, *normals = meet(origins, directions)
+        places = origins + np.where(np.isfinite(way), way, 0.0)[..., None] * directions
+        return glass, way, *normals, finish(places)
+
+    return tell
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.2])
+def test_a_glass_painted_alike_everywhere_is_the_plain_one(roughness):
+    rng = np.random.default_rng(8)
+    mesh = meshes.ball(0.04, 12)
+    eye, directions = rays_at(rng, mesh.box, 200)
+    tints = (0.9, 0.5, 0.2), (0.7, 0.8, 1.0)
+    plain = optics.PlacedMesh(1.5, roughness=roughness, tints=tints)
+    meet = meshes.Caster([(0, mesh)])
+    expected = optics.exit_rays([plain], eye, directions, meet=meet, min_weight=0.02)
+    row = np.concatenate(([roughness], *tints))
+    found = optics.exit_rays(
+        [optics.PlacedMesh(1.5, is_painted=True)],
+        eye,
+        directions,
+        meet=painted(meet, lambda places: np.broadcast_to(row, (*places.shape[:-1], 7))),
+        min_weight=0.02,
+    )
+    for name in ("ray", "weight", "depth", "origin", "direction", "path", "lost"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def test_paint_dims_what_passes_it_and_only_that():
+    rng = np.random.default_rng(9)
+    mesh = meshes.box((-0.05, -0.04, -0.02), (0.05, 0.04, 0.0))
+    places = rng.uniform((-0.05, -0.04), (0.05, 0.04), (300, 2))
+    eyes = np.column_stack((places, np.full(300, 0.3)))
+    down = np.tile((0.0, 0.0, -1.0), (300, 1))
+
+    def upper_right_is_red(places):
+        parts = np.ones((*places.shape[:-1], 7))
+        parts[..., 0] = 0.0
+        parts[(places[..., 0] > 0.01) & (places[..., 2] > -0.01), 2:4] = 0.25, 0.0
+        return parts
+
+    bare = meshes.Caster([(0, mesh)])
+    meet, glass = painted(bare, upper_right_is_red), optics.PlacedMesh(1.5, is_painted=True)
+    with pytest.raises(ValueError, match="painted"):
+        optics.exit_rays([glass], eyes, down, meet=bare)
+    found = optics.exit_rays([glass], eyes, down, meet=meet, min_weight=1e-3)
+    through = np.flatnonzero((found.direction[:, 2] < 0.0) & (found.events == 2))
+    assert len(through) == 300
+    light = np.exp(-found.depth[through])
+    red = places[found.ray[through], 0] > 0.01
+    np.testing.assert_allclose(light[~red], 1.0)
+    np.testing.assert_allclose(light[red, :2], np.tile((1.0, 0.25), (red.sum(), 1)))
+    assert (light[red, 2] < 1e-5).all()
+    # Light that goes to and fro in the slab passes the upper face once; it meets it from within.
+    mirrored = (found.direction[:, 2] < 0.0) & (found.events == 4)
+    red = places[found.ray[mirrored], 0] > 0.01
+    np.testing.assert_allclose(np.exp(-found.depth[mirrored][:, 1]), np.where(red, 0.25, 1.0))
+    # A pane of closed form below it has no paint, and dims nothing.
+    pose = np.eye(4)
+    pose[2, 3] = -0.1
+    pane = optics.PlacedGlass(optics.body(optics.FlatGlass((0.02,), (1.5,), outline=SQUARE)), pose)
+    found = optics.exit_rays([glass, pane], eyes, down, meet=meet, min_weight=1e-3)
+    through = np.flatnonzero((found.direction[:, 2] < 0.0) & (found.events == 4))
+    through = through[np.argsort(-found.weight[through], kind="stable")[:300]]
+    red = places[found.ray[through], 0] > 0.01
+    np.testing.assert_allclose(np.exp(-found.depth[through][:, 1]), np.where(red, 0.25, 1.0))
