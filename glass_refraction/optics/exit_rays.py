@@ -231,7 +231,7 @@ class _Followed:
         self.mesh_rows = np.unique(self.row[self.meshes])
         self.surfaces = surfaces(self.glasses)
         self.painted = any(self.glasses[number].is_painted for number in self.meshes)
-        self.rough = self.painted or bool(self.surfaces[0].any())
+        self.rough = bool(self.surfaces[0].any())
         self.tinted = self.painted or bool(self.surfaces[1:].any())
         # Rays that are lost in a mesh's interpolated normals end black too.
         dark = bool(self.meshes) or not self.fresnel

@@ -138,7 +138,8 @@ class PlacedMesh:
         Parts of the light, red, green, blue, that get through where it is refracted at a surface,
         and where it is reflected, beside Fresnel's law. None: all.
     is_painted : bool
-        Roughness and tints differ from place to place, and `meet` tells them.
+        Roughness and tints differ from place to place, and `meet` tells them. `roughness` is 0 if
+        it is smooth everywhere.
     """
 
     ior: float

@@ -19,10 +19,16 @@ from ..scene.build.mirrored import INPUT as MIRROR
 from ..scene.build.shaders import math_node, met_where, new_surface
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.rays.looks import look_of
-from ..scene.read.bumps import bumps_of
 from ..scene.read.glasses import Glass, glass_modifier, read_glasses
+from ..scene.read.glassy_materials import (
+    CLEAR,
+    PAINTED,
+    glassy_materials,
+    interface_node,
+    opaque_bits,
+)
 from ..scene.read.light_linking import lights_any
-from ..scene.read.mesh_glasses import CLEAR, glassy_materials, interface_node, opaque_bits
+from ..scene.read.material_recipe import recipes_of
 from ..scene.read.modifier_inputs import read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .interfaces import Interfaces, interfaces, near_shells, overlapping
@@ -31,6 +37,8 @@ from .picture import Request, finished, rendering_picture
 # Light that runs round inside a wall dies off by Fresnel's losses, not by the number of bounces:
 # with 64, one path in 16,000 through a filled cup went dark.
 _BOUNCES = 256
+LOOKS = "refracted", "reflected", "roughness"
+"""What the inputs of `PAINTED` are, in their order."""
 
 
 @dataclass
@@ -51,17 +59,17 @@ class _Style:
     temporary: ExitStack
     _materials: dict[tuple, bpy.types.Material] = field(default_factory=dict)
 
-    def material(self, kind: tuple, bumps: bpy.types.Material | None = None) -> bpy.types.Material:
-        """The material of a kind, see `_kind` and `_become_glass`, with the bumps of another."""
-        key = *kind, bumps
+    def material(self, kind: tuple, like: bpy.types.Material | None = None) -> bpy.types.Material:
+        """The material of a kind, see `_kind` and `_become_glass`, with the textures of another."""
+        key = *kind, like
         if key not in self._materials:
-            if bumps is None:
+            if like is None:
                 material = bpy.data.materials.new(f"{self.surface.title()} {kind[0]:g} {REFERENCE}")
                 material.node_tree.nodes.clear()
                 ends = {}
             else:
-                material = bumps.copy()
-                ends = _bump_sockets(material)
+                material = like.copy()
+                ends = _texture_sockets(material)
             self._materials[key] = material
             self.temporary.callback(bpy.data.materials.remove, material)
             material[TAG] = REFERENCE
@@ -263,7 +271,7 @@ def _show_mesh(obj: bpy.types.Object, glass: Glass, style: _Style) -> None:
     own_one = next(iter(glassy_materials(obj)), None)
     material = style.material(
         (glass.description.ior, *absorption, *surface_look(glass)),
-        own_one if bumps_of(own_one) is not None else None,
+        own_one if own_one is not None and recipes_of(own_one) else None,
     )
     if not obj.material_slots:
         obj.data.materials.append(material)
@@ -447,13 +455,26 @@ def _kind(glass: Glass, surface: Surface) -> tuple:
     return (surface.ior_inside / surface.ior_outside, *sides, *surface_look(glass))
 
 
-def _bump_sockets(material: bpy.types.Material) -> dict[str, bpy.types.NodeSocket]:
-    """What is linked to the Normal of a glassy material and to the Displacement of its output,
-    which is taken out."""
-    tree = material.node_tree
+def _texture_sockets(material: bpy.types.Material) -> dict[str, bpy.types.NodeSocket]:
+    """What is linked to a glassy material's shader, and to the Displacement of its output, which is
+    taken out; by "Normal", "Displacement", and as `PAINTED` has them "refracted", "reflected" and
+    "roughness"."""
+    tree, shader = material.node_tree, interface_node(material)
     end = tree.get_output_node("CYCLES")
-    inputs = interface_node(material).inputs["Normal"], end.inputs["Displacement"]
-    found = {i.name: i.links[0].from_socket for i in inputs if i.links and not i.links[0].is_muted}
+    inputs = {"Normal": shader.inputs["Normal"], "Displacement": end.inputs["Displacement"]}
+    for name, painted in zip(LOOKS, PAINTED[shader.type], strict=True):
+        inputs[name] = shader.inputs[painted]
+    found = {
+        name: i.links[0].from_socket
+        for name, i in inputs.items()
+        if i.links and not i.links[0].is_muted
+    }
+    if shader.type == "BSDF_PRINCIPLED" and "refracted" in found:
+        # It refracts by the root of its colour.
+        root = tree.nodes.new("ShaderNodeGamma")
+        root.inputs["Gamma"].default_value = 0.5
+        tree.links.new(found["refracted"], root.inputs["Color"])
+        found["refracted"] = root.outputs["Color"]
     for node in [node for node in tree.nodes if node.type == "OUTPUT_MATERIAL"]:
         tree.nodes.remove(node)
     return found
@@ -462,7 +483,7 @@ def _bump_sockets(material: bpy.types.Material) -> dict[str, bpy.types.NodeSocke
 def _become_glass(
     tree: bpy.types.NodeTree,
     style: _Style,
-    bumps: dict[str, bpy.types.NodeSocket],
+    textures: dict[str, bpy.types.NodeSocket],
     eta: float,
     before: tuple | None,
     behind: tuple | None,
@@ -472,19 +493,32 @@ def _become_glass(
 ) -> None:
     """Have a material's tree be of a clear one whose back is ``eta`` times as dense as its front.
 
-    ``bumps``: see `_bump_sockets`. ``before`` and ``behind`` are the absorption coefficients (red,
-    green, blue, per metre) of the media at its front and back, or None: what a ray lost on its way
-    to the surface, it loses there.
+    ``textures``: see `_texture_sockets`. ``before`` and ``behind`` are the absorption coefficients
+    (red, green, blue, per metre) of the media at its front and back, or None: what a ray lost on
+    its way to the surface, it loses there.
     """
     absorption = None if before is None else (before, behind)
+    sockets = [textures.get(name) for name in LOOKS]
+    roughness = sockets[2] or roughness
+    if sockets[0] is not None:
+        colour = _channels(tree, sockets[0])
+    if sockets[1] is not None:
+        mirrored = colour if sockets[1] == sockets[0] else _channels(tree, sockets[1])
     interface = Interface(eta, absorption, roughness, colour, mirrored)
     shader = glass_shader(tree, interface, style.surface)
-    if "Normal" in bumps:
-        tree.links.new(bumps["Normal"], shader.inputs["Normal"])
+    if "Normal" in textures:
+        tree.links.new(textures["Normal"], shader.inputs["Normal"])
     surface = shader.outputs["BSDF"]
     end = new_surface(tree, surface if style.shadows else _without_shadow(tree, style, surface))
-    if "Displacement" in bumps:
-        tree.links.new(bumps["Displacement"], end.inputs["Displacement"])
+    if "Displacement" in textures:
+        tree.links.new(textures["Displacement"], end.inputs["Displacement"])
+
+
+def _channels(tree: bpy.types.NodeTree, colour: bpy.types.NodeSocket) -> list:
+    """Red, green and blue of a socket."""
+    parts = tree.nodes.new("ShaderNodeSeparateColor")
+    tree.links.new(colour, parts.inputs["Color"])
+    return list(parts.outputs)
 
 
 def _without_shadow(

@@ -12,7 +12,13 @@ import bpy
 
 from .read.animation import may_change
 from .read.glasses import glass_modifier, is_mesh_glass
-from .read.mesh_glasses import OPAQUE, glassy_materials, interface_node, opaque_bits, wanted_bits
+from .read.glassy_materials import (
+    OPAQUE,
+    glassy_materials,
+    interface_node,
+    opaque_bits,
+    wanted_bits,
+)
 from .read.modifier_inputs import data_path, has_input, read_input, write_input
 
 CLOSE = 1e-6

@@ -42,8 +42,9 @@ from .read.glasses import (
     put_last,
     read_glass,
 )
-from .read.mesh_glasses import opaque_bits, unread
+from .read.glassy_materials import opaque_bits, unread
 from .read.modifier_inputs import write_input
+from .read.paint import lost_paint
 from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
 from .steps import Do, Step, at_once
@@ -105,7 +106,8 @@ def prepare(
         glasses += _editable(instanced, problems)
         for obj in filter(is_mesh_glass, glasses):
             tell_opaque(obj)
-            problems += unread(obj, opaque_bits(glass_modifier(obj))) + lost_bumps(obj)
+            problems += unread(obj, opaque_bits(glass_modifier(obj)))
+            problems += lost_bumps(obj) + lost_paint(obj)
     else:
         for obj in instanced:
             if obj.is_editable:

@@ -13,14 +13,13 @@ from ..scene import changes
 from ..scene import update as door
 from ..scene.names import own
 from ..scene.read.glasses import glass_modifier
-from ..scene.read.mesh_glasses import (
+from ..scene.read.glassy_materials import (
     glassy_materials,
     interface_node,
-    is_hidden,
     opaque_bits,
     opaque_materials,
-    open_edges,
 )
+from ..scene.read.mesh_glasses import is_hidden, open_edges
 from ..scene.read.modifier_inputs import has_input, read_input, value_place
 from ..scene.read.orientation import Orientation, orientation_of
 from . import bake, staying

@@ -269,7 +269,8 @@ def _mesh_table(body: MeshBody, starts: dict[int, int]) -> _Table:
     rows = np.zeros((INTERFACE_ROWS, 4))
     start = starts[id(body.tree)]
     rows[0] = MESH, 0, SOLID, 0.0
-    rows[1, :3] = start, body.tree.leaves, start + body.tree.triangles
+    paint = start + body.tree.paint if body.tree.paint else 0
+    rows[1] = start, body.tree.leaves, start + body.tree.triangles, paint
     rows[2, :3] = body.refracted
     return _Table(rows, 1, ())
 

@@ -37,7 +37,15 @@ from .description import (
     THING_ROWS,
 )
 from .eye import CAPTURES, LAMP_ROWS, LAMPS, WORLD
-from .trees import BITS, LEAF, NODE_TEXELS, ROW_BITS, TRIANGLE_TEXELS, UNFOLDED
+from .trees import (
+    BITS,
+    LEAF,
+    NODE_TEXELS,
+    PAINT_TEXELS,
+    ROW_BITS,
+    TRIANGLE_TEXELS,
+    UNFOLDED,
+)
 
 SOURCES = Path(__file__).parent / "glsl_sources"
 
@@ -96,6 +104,7 @@ CONSTANTS = f"""
 #define LEAF {LEAF}
 #define NODE_TEXELS {NODE_TEXELS}
 #define TRIANGLE_TEXELS {TRIANGLE_TEXELS}
+#define PAINT_TEXELS {PAINT_TEXELS}
 #define ROW_BITS {ROW_BITS}
 #define UNFOLDED {UNFOLDED}
 #define GRID {2.0**BITS}

@@ -15,9 +15,11 @@ import numpy as np
 
 from ..optics import LINES
 from ..scene.names import RefractiveGlassError
-from ..scene.read.bumps import bump_stamp, bumping
+from ..scene.read.bumps import bumping, surface_stamp
 from ..scene.read.glasses import glass_modifier, read_mesh_interface
-from ..scene.read.mesh_glasses import Corners, opaque_bits, triangles_of
+from ..scene.read.glassy_materials import opaque_bits
+from ..scene.read.mesh_glasses import Corners, triangles_of
+from ..scene.read.paint import paint_on
 from .description import Posed
 from .news import News
 from .places import Key, Place
@@ -56,7 +58,7 @@ class MeshGlasses:
         """What places wait for; instances for the same."""
         self._growing: dict[tuple, tuple[str, Iterator[_Grown | None]]] = {}
         # Of large images they take a tenth of a second: too long for each step of a slider.
-        self._painted: dict[tuple, int] = {}
+        self._pixels: dict[tuple, int] = {}
 
     @property
     def waits(self) -> bool:
@@ -93,7 +95,7 @@ class MeshGlasses:
             obj.session_uid,
             news.shape_of(obj),
             *np.round(stretch, ROUNDED).ravel(),
-            *bump_stamp(evaluated, depsgraph, matrix),
+            *surface_stamp(evaluated, depsgraph, matrix),
         )
         if place.key not in self._known or self._known[place.key][0] != key:
             self._find(place, key, evaluated, depsgraph, stretch)
@@ -137,15 +139,8 @@ class MeshGlasses:
                     f"{MOST_TRIANGLES}: fewer in the viewport make it shown"
                 )
             form = shaped(points, normals, stretch)
-            bumps = bumping(
-                evaluated,
-                depsgraph,
-                points,
-                normals,
-                place.to_world,
-                self._painted,
-                PATIENCE,
-            )
+            read = evaluated, depsgraph, points, normals, place.to_world, self._pixels
+            bumps = bumping(*read, paint_on(*read), PATIENCE)
         except ValueError as error:
             raise RefractiveGlassError(f'Glass "{name}": {error}') from error
         before = self._known.get(where) if bumps is None else None
@@ -180,12 +175,13 @@ class MeshGlasses:
 
 
 def _growing(form: Shaped) -> Iterator[_Grown | None]:
-    for tree in grow(form.points, form.normals, form.within):
+    for tree in grow(form.points, form.normals, form.within, form.finish):
         yield None if tree is None else _Grown(form, tree)
 
 
 def _bumped(steps: Generator[None, None, Corners], stretch: np.ndarray) -> Iterator[_Grown | None]:
-    """A mesh made ready with its bumps, which nobody but a render evaluates while one goes on."""
+    """A mesh made ready with its bumps and its paint, which nobody but a render evaluates while one
+    goes on."""
     while True:
         if not bpy.app.is_job_running("RENDER"):
             try:
@@ -194,4 +190,5 @@ def _bumped(steps: Generator[None, None, Corners], stretch: np.ndarray) -> Itera
                 corners = end.value
                 break
         yield None
-    yield from _growing(shaped(corners.points, corners.normals, stretch, corners.within))
+    parts = corners.points, corners.normals, stretch, corners.within, corners.finish
+    yield from _growing(shaped(*parts))

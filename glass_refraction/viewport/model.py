@@ -19,7 +19,7 @@ from ..scene.read.glasses import (
     named_glasses,
     read_glass,
 )
-from ..scene.read.mesh_glasses import opaque_bits
+from ..scene.read.glassy_materials import opaque_bits
 from ..scene.read.sources import source_objects
 from ..scene.read.viewpoint import Viewpoint
 from .capture import Box, box_of

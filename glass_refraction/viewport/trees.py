@@ -24,6 +24,10 @@ of the boxes: its origin, and steps for a unit along each axis."""
 TRIANGLE_TEXELS = 6
 """Of a triangle: a corner and the edges from it to the others; the normals of the corners. Their
 fourth numbers are the corners' normals for rays from within, two each, see `_flattened`."""
+PAINT_TEXELS = 3
+"""Of a triangle of a painted mesh, behind all triangles: the parts of light that get through where
+it is refracted, at each corner. Their fourth numbers are those where it is reflected, see
+`_in_one`."""
 ROW_BITS = 12
 """The texture is 2 to this power texels wide."""
 MOST_TRIANGLES = 300_000
@@ -65,8 +69,8 @@ class Tree:
     ----------
     count : of the triangles. order : (`LEAF` · leaves,) numbers of their pieces, leaf by leaf; -1:
         none is there. leaves : how many, a power of two.
-    texels : (K, 4) float32: what the shader reads, nodes first. triangles : its row where they
-        begin.
+    texels : (K, 4) float32: what the shader reads, nodes first. triangles, paint : its rows where
+        these begin, 0: it is not painted.
     """
 
     def __init__(
@@ -76,13 +80,22 @@ class Tree:
         pieces: Pieces,
         order: np.ndarray,
         within: np.ndarray | None = None,
+        finish: np.ndarray | None = None,
     ) -> None:
         self.count, self.order, self._pieces = len(points), order, pieces
         self.leaves = len(order) // LEAF
         self.triangles = NODE_TEXELS * self.leaves
-        self.texels = np.zeros((self.triangles + TRIANGLE_TEXELS * len(order), 4), np.float32)
+        end = self.triangles + TRIANGLE_TEXELS * len(order)
+        self.paint = 0 if finish is None else end
+        used = end if finish is None else end + PAINT_TEXELS * len(order)
+        self.texels = np.zeros((used, 4), np.float32)
         within = None if within is None else pieces.of(within)
         self._write(pieces.of(points), pieces.of(normals), within)
+        if finish is not None:
+            slots = np.flatnonzero(order >= 0)
+            rows = self.texels[end:].reshape(-1, PAINT_TEXELS, 4)
+            finish = pieces.of(finish)[order[slots]]
+            rows[slots, :, :3], rows[slots, :, 3] = finish[..., 1:4], _in_one(finish[..., 4:])
 
     def refitted(self, points: np.ndarray, normals: np.ndarray) -> Tree:
         """The tree of as many triangles (T, 3, 3) in other places, in the same order."""
@@ -92,7 +105,8 @@ class Tree:
         slots = np.flatnonzero(self.order >= 0)
         order = self.order[slots]
         points, normals = points[order], normals[order]
-        triangles = self.texels[self.triangles :].reshape(-1, TRIANGLE_TEXELS, 4)
+        end = self.triangles + TRIANGLE_TEXELS * len(self.order)
+        triangles = self.texels[self.triangles : end].reshape(-1, TRIANGLE_TEXELS, 4)
         triangles[slots, 0, :3] = points[:, 0]
         triangles[slots, 1:3, :3] = points[:, 1:] - points[:, :1]
         triangles[slots, 3:, :3] = normals
@@ -126,6 +140,11 @@ def _flattened(normals: np.ndarray) -> np.ndarray:
     return np.where(flat[..., 2:] < 0.0, below, flat[..., :2]) + UNFOLDED
 
 
+def _in_one(colours: np.ndarray) -> np.ndarray:
+    """(…,) floats that hold colours (…, 3) from 0 to 1, of eight bits a channel."""
+    return np.round(255.0 * colours) @ (65536.0, 256.0, 1.0)
+
+
 UNFOLDED = 2.0
 """Of the two numbers: so none of them is 0, which says that there are none."""
 
@@ -155,7 +174,10 @@ def leaves_of(triangles: int) -> int:
 
 
 def grow(
-    points: np.ndarray, normals: np.ndarray, within: np.ndarray | None = None
+    points: np.ndarray,
+    normals: np.ndarray,
+    within: np.ndarray | None = None,
+    finish: np.ndarray | None = None,
 ) -> Iterator[Tree | None]:
     """Sort triangles (T, 3, 3) into a tree: an axis of a level at each step, and the tree at last.
 
@@ -201,7 +223,7 @@ def grow(
     slots = np.full((leaves, LEAF), -1)
     slots[np.arange(LEAF) < sizes[:, None]] = sorts[0]
     yield None
-    yield Tree(points, normals, pieces, slots.ravel(), within)
+    yield Tree(points, normals, pieces, slots.ravel(), within, finish)
 
 
 def _swept(ends: np.ndarray, within: np.ndarray) -> np.ndarray:
@@ -309,6 +331,7 @@ class Shaped:
     ----------
     points, normals : (T, 3, 3), in units of `scale`. half : see `MeshBody`.
     within : (T, 3, 3) the normals for rays that come from within, if they are others.
+    finish : (T, 3, 7) as of `Corners`.
     middle : (3,) metres, of the frame in which `stretch` leaves the mesh.
     """
 
@@ -318,6 +341,7 @@ class Shaped:
     half: tuple[float, float, float]
     middle: np.ndarray
     within: np.ndarray | None = None
+    finish: np.ndarray | None = None
 
 
 def polar(linear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -332,8 +356,9 @@ def shaped(
     normals: np.ndarray,
     stretch: np.ndarray,
     within: np.ndarray | None = None,
+    finish: np.ndarray | None = None,
 ) -> Shaped:
-    """Triangles (T, 3, 3) of a mesh, stretched, in a frame of their own.
+    """Triangles (T, 3, 3) of a mesh, stretched, in a frame of their own. ``finish`` goes with them.
 
     Raises
     ------
@@ -355,4 +380,5 @@ def shaped(
         tuple(half.tolist()),
         middle,
         within,
+        finish,
     )

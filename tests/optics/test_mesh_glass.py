@@ -466,7 +466,7 @@ def test_a_glass_painted_alike_everywhere_is_the_plain_one(roughness):
     expected = optics.exit_rays([plain], eye, directions, meet=meet, min_weight=0.02)
     row = np.concatenate(([roughness], *tints))
     found = optics.exit_rays(
-        [optics.PlacedMesh(1.5, is_painted=True)],
+        [optics.PlacedMesh(1.5, roughness=roughness, is_painted=True)],
         eye,
         directions,
         meet=painted(meet, lambda places: np.broadcast_to(row, (*places.shape[:-1], 7))),

@@ -12,8 +12,9 @@ from glass_refraction.scene.build.own_scenes import own_blocks
 from glass_refraction.scene.memory import counters
 from glass_refraction.scene.names import own
 from glass_refraction.scene.read import bumps
-from glass_refraction.scene.read.bumps import BUMPS, COARSE, MOST_TRIANGLES, TOLERANCE
+from glass_refraction.scene.read.bumps import COARSE, MOST_TRIANGLES, TOLERANCE
 from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.material_fields import FIELDS
 
 FINE = 3e-3
 """Radians: single precision, and steps of a ten thousandth of the mesh."""
@@ -449,7 +450,7 @@ def test_what_bumps_need_is_hidden_freed_and_in_no_file(tmp_path):
     obj = cube(made)
 
     def mine():
-        return [block for block in own_blocks() if own(block, BUMPS)]
+        return [block for block in own_blocks() if own(block, FIELDS)]
 
     stood = mine()
     assert {block.id_type for block in stood} == {"OBJECT", "MESH", "NODETREE"}
@@ -458,8 +459,8 @@ def test_what_bumps_need_is_hidden_freed_and_in_no_file(tmp_path):
     path = str(tmp_path / "saved.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
     with bpy.data.libraries.load(path) as (inside, _):
-        assert not [n for n in (*inside.objects, *inside.meshes) if BUMPS in n]
-        assert not [n for n in inside.node_groups if BUMPS in n]
+        assert not [n for n in (*inside.objects, *inside.meshes) if FIELDS in n]
+        assert not [n for n in inside.node_groups if FIELDS in n]
     # Another height asks for another tree; the old one goes.
     bump(made, sine(made))
     prepared()

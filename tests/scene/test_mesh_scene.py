@@ -26,7 +26,8 @@ from glass_refraction.scene.read.glasses import (
     read_glass,
     read_glasses,
 )
-from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of, unread
+from glass_refraction.scene.read.glassy_materials import unread
+from glass_refraction.scene.read.mesh_glasses import open_edges, triangles_of
 from glass_refraction.scene.read.modifier_inputs import (
     data_path,
     has_input,

@@ -13,7 +13,8 @@ from glass_refraction.scene import material_link
 from glass_refraction.scene import update as door
 from glass_refraction.scene.rays.stage import placed_glasses
 from glass_refraction.scene.read.glasses import glass_modifier, read_glass
-from glass_refraction.scene.read.mesh_glasses import OPAQUE, triangles_of, unread
+from glass_refraction.scene.read.glassy_materials import OPAQUE, unread
+from glass_refraction.scene.read.mesh_glasses import triangles_of
 from glass_refraction.scene.read.modifier_inputs import read_input, write_input
 from glass_refraction.viewport.model import Model
 from glass_refraction.viewport.news import News

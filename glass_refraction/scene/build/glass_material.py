@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import bpy
 
 from ..read.glasses import Glass
-from ..read.mesh_glasses import CLEAR
+from ..read.glassy_materials import CLEAR
 from .shaders import math_node
 
 SURFACES = {"GLASS": "ShaderNodeBsdfGlass", "REFRACTION": "ShaderNodeBsdfRefraction"}
@@ -51,7 +51,7 @@ def glass_shader(
 
     What a ray lost on its way to the surface, it loses there.
     """
-    another = interface.mirrored not in (None, interface.colour)
+    another = interface.mirrored is not None and interface.mirrored != interface.colour
     if another and interface.absorption is None and surface == "GLASS":
         return _principled(tree, interface)
     shader = tree.nodes.new(SURFACES[surface])
@@ -60,23 +60,31 @@ def glass_shader(
     colour = interface.colour
     if interface.absorption is not None:
         colour = _left_over(tree, *interface.absorption, colour)
-    join = tree.nodes.new("ShaderNodeCombineColor")
-    for channel in range(3):
-        _give(tree, colour[channel], join.inputs[channel])
-    tree.links.new(join.outputs["Color"], shader.inputs["Color"])
+    _join(tree, colour, shader.inputs["Color"])
     return shader
 
 
 def _principled(tree: bpy.types.NodeTree, interface: Interface) -> bpy.types.ShaderNode:
     """Glass that mirrors in another colour than it lets through: the Glass BSDF has one."""
     shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
-    shader.inputs["IOR"].default_value = interface.eta
-    shader.inputs["Roughness"].default_value = interface.roughness
+    _give(tree, interface.eta, shader.inputs["IOR"])
+    _give(tree, interface.roughness, shader.inputs["Roughness"])
     shader.inputs["Transmission Weight"].default_value = 1.0
     # It refracts by the root of its colour.
-    shader.inputs["Base Color"].default_value = (*(part**2 for part in interface.colour), 1.0)
-    shader.inputs["Specular Tint"].default_value = (*interface.mirrored, 1.0)
+    squares = [math_node(tree, "MULTIPLY", part, part) for part in interface.colour]
+    _join(tree, squares, shader.inputs["Base Color"])
+    _join(tree, interface.mirrored, shader.inputs["Specular Tint"])
     return shader
+
+
+def _join(
+    tree: bpy.types.NodeTree, channels: Sequence[Value], target: bpy.types.NodeSocket
+) -> None:
+    """Give a colour input red, green and blue."""
+    join = tree.nodes.new("ShaderNodeCombineColor")
+    for value, channel in zip(channels, join.inputs, strict=True):
+        _give(tree, value, channel)
+    tree.links.new(join.outputs["Color"], target)
 
 
 def _give(tree: bpy.types.NodeTree, value: Value, target: bpy.types.NodeSocket) -> None:

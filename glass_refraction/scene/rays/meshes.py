@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rays against the glasses that are meshes: which face they meet next, and its normals."""
+"""Rays against the glasses that are meshes: which face they meet next, its normals, its paint."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from ...optics.boxes import apart
 from ..read.glasses import Glass
 from ..read.mesh_glasses import MeshGlass
+from ..read.paint import FINISH
 from .caster import Caster
 from .things import Triangles
 
@@ -23,7 +24,8 @@ class _Group:
 
     `glass`: (T,) number of each triangle's glass. `points`, `normals`: (T, 3, 3), `flat`: (T, 3).
     `is_smooth`: (T,) whether not all normals of the triangle are one. `slopes`: see `_slopes`.
-    `within`: (T, 3, 3) the normals for rays that come from within; None: the same.
+    `within`: (T, 3, 3) the normals for rays that come from within; None: the same. `meshes`: all of
+    them, if any glass is painted, and `begins` their first triangles.
     """
 
     caster: Caster
@@ -34,9 +36,12 @@ class _Group:
     is_smooth: np.ndarray
     slopes: np.ndarray
     within: np.ndarray | None
+    meshes: list[MeshGlass]
+    begins: np.ndarray
 
     def meet(self, origins: np.ndarray, directions: np.ndarray) -> tuple:
-        """Number of the glass (L,), metres (L,), true and interpolated normal (L, 3)."""
+        """Number of the glass (L,), metres (L,), true and interpolated normal (L, 3), and what the
+        surface is like (L, `FINISH`), if any is painted."""
         way, triangle = self.caster.cast(origins, directions)
         count = len(origins)
         glass = np.full(count, -1, np.intp)
@@ -54,7 +59,24 @@ class _Group:
             leaves = (directions[hit] * self.flat[number]).sum(axis=1) > 0.0
             normals[leaves] = self.within[number[leaves]]
         smooth[hit] = np.einsum("nk,nkd->nd", shares, normals)
-        return glass, way, flat, smooth
+        return glass, way, flat, smooth, self._finish(triangle, origins, way, directions)
+
+    def _finish(self, triangle: np.ndarray, origins, way, directions) -> np.ndarray:
+        """(L, `FINISH`) what the surface is like where rays meet triangles, if any is painted."""
+        found = np.ones((len(triangle), FINISH))
+        if not self.meshes:
+            return found
+        member = np.searchsorted(self.begins, triangle, side="right") - 1
+        for number, mesh in enumerate(self.meshes):
+            on = np.flatnonzero((member == number) & (triangle >= 0))
+            if mesh.paint is None:
+                found[on] = mesh.roughness, *mesh.refracted, *mesh.reflected
+                continue
+            own = triangle[on]
+            places = origins[on] + way[on, None] * directions[on]
+            shares = _shares(self.points[own, 0], self.slopes[own], places)
+            found[on] = mesh.paint.at(own - self.begins[number], shares)
+        return found
 
 
 class GlassMeshes:
@@ -75,6 +97,7 @@ class GlassMeshes:
         numbers = [n for n, glass in enumerate(glasses) if glass.is_mesh]
         grouped = apart([glasses[n].description.box for n in numbers], len(casters))
         self._groups = []
+        is_painted = any(glasses[n].description.paint is not None for n in numbers)
         for group, caster in enumerate(casters):
             members = [n for n, own in zip(numbers, grouped, strict=True) if own == group]
             if not members:
@@ -102,6 +125,8 @@ class GlassMeshes:
                     is_smooth,
                     _slopes(points),
                     within,
+                    chosen if is_painted else [],
+                    np.cumsum([0, *sizes])[:-1],
                 )
             )
 

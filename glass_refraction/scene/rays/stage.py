@@ -202,6 +202,7 @@ def _placed(body: Glass, priority: int) -> optics.Placed:
             mesh.roughness,
             mesh.box,
             (mesh.refracted, mesh.reflected),
+            mesh.paint is not None,
         )
     media = len(body.description.media)
     absorption = np.zeros((media, 3))

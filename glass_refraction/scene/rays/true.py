@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..build.bump_tree import prepare_bumps
 from ..build.compositor import group_node, has_group, insert_group
+from ..build.material_tree import prepare_fields
 from ..build.mirrored import prepare_mirrored, remove_mirrored, write_mirrored
 from ..build.own_scenes import (
     find_own_scenes,
@@ -42,8 +42,8 @@ from ..read.glasses import (
     is_shown,
     read_glasses,
 )
+from ..read.glassy_materials import glassy_materials
 from ..read.light_linking import is_mirrored
-from ..read.mesh_glasses import glassy_materials
 from ..read.modifier_inputs import has_input, read_input
 from ..read.sources import source_objects
 from ..read.viewpoint import (
@@ -141,8 +141,8 @@ def prepare(scene: bpy.types.Scene) -> None:
         cast.view_layers[0].use = False
         synchronise(cast.view_layers[0])
     glasses = glass_objects(rendered_layer(scene), ever=True)
-    bumpy = (next(iter(glassy_materials(g)), None) for g in _mesh_glasses(scene))
-    prepare_bumps(cast.collection.children[0], list(dict.fromkeys(filter(None, bumpy))))
+    of_meshes = (m for glass in _mesh_glasses(scene) for m in glassy_materials(glass))
+    prepare_fields(cast.collection.children[0], dict.fromkeys(of_meshes))
     prepare_mirrored(scene, cast, [glass for glass in glasses if glass.is_editable])
     views = [own_scene(scene, CAPTURE, number) for number in range(ROOM.captures)]
     views += [own_scene(scene, SKY, number) for number in range(ROOM.skies)]

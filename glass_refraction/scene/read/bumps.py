@@ -1,59 +1,44 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bumps of glasses that are meshes: their triangles in small ones, with the normals of the bumps.
 
-A bump moves no surface: points stay on the faces, and normals tilt. The heights are evaluated by an
-own geometry tree (`build.bump_tree`) in a scene of the extension's own, round each point; so this
-works within a render's frame-change handler, as casts of rays do.
+A bump moves no surface: points stay on the faces, and normals tilt. The heights are evaluated round
+each point (`material_fields`).
 """
 
 from __future__ import annotations
 
 import hashlib
 import time
-import zlib
 from collections import OrderedDict
-from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Generator
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 
 from ..memory import counters
-from ..names import own
-from .arrays import mesh_triangles, positions, read_attribute, unit, write_attribute
-from .bump_recipe import (
-    GENERATED,
-    NORMAL,
-    OBJECT,
-    UV,
-    WORLD,
-    Recipe,
-    Untranslatable,
-    attribute_of,
-    by_identifier,
-    recipe_of,
-)
-from .mesh_glasses import Corners, glassy_materials, interface_node, triangles_of
+from .arrays import unit
+from .glassy_materials import glassy_materials
+from .material_fields import Fields, NotReady, frame_of, is_ready, maps_of, painted
+from .material_recipe import GENERATED, OBJECT, UV, WORLD, Recipe, Stage, bumps_of, recipes_of
+from .mesh_glasses import Corners, triangles_of
+from .paint import FINISH, Paint, paint_on
 from .triangles import Triangles
 
-BUMPS = "bumps"
-"""Role of the own points that a material's bumps are evaluated in, and of their tree."""
-OF_MATERIAL, STRUCTURE = "refractive_glass_material", "refractive_glass_structure"
-"""Custom properties of these points: the material's name, and what its tree was made of."""
-FIELD = "rg_field_{}_{}"
-"""Attribute that the tree stores: of a stage, and of the stage's fields."""
 STEP = 1e-4
 """Part of a mesh's size by which places lie apart whose heights tell a slope: single precision
 gives a slope to a thousandth of that of bumps as wide as the mesh."""
 FLAT = 1e-6
 """Radians: of less than this no bumps are."""
+COLOUR_TOLERANCE = 0.02
+"""By how much roughness and parts of light there may miss those between an edge's ends."""
 COARSE = 1.0 / 48.0
 """Of a mesh's size: longer edges are split whatever lies at their middles."""
 TOLERANCE = 0.006
 """Radians by which the normal at the middle of an edge may miss that between its ends. Glass of ior
 1.5 turns rays by half of it."""
 MOST_TRIANGLES = 160_000
-"""Of a bumped mesh."""
+"""Of a bumped or painted mesh."""
 TOLD = 0.05
 """Radians: edges of a mesh of so many at which normals miss by more are told of ..."""
 FEW = 0.1
@@ -61,24 +46,8 @@ FEW = 0.1
 MOST_ROUNDS = 24
 BLOCK = 40_000
 """Places whose normals are found between two events of a window: a tenth of a second."""
-ROUNDED = 5
-"""Digits of an object's scale that count: a turn changes the last ones of single precision."""
 MOST_KEPT = 6 * MOST_TRIANGLES
-"""Triangles of bumped meshes that are kept for the next time: many small ones, or a few large."""
-MOST_PIXELS = 2048 * 2048
-"""Of an image whose pixels are compared with those of the last time: a tenth of a second."""
-
-
-def bumps_of(material: bpy.types.Material | None) -> Recipe | str | None:
-    """How the bumps of a glassy material are made; None: it has none. A name: by what is not
-    known."""
-    node = interface_node(material)
-    if node is None:
-        return None
-    try:
-        return recipe_of(material, node)
-    except Untranslatable as error:
-        return str(error)
+"""Triangles of such meshes that are kept for the next time: many small ones, or a few large."""
 
 
 def lost_bumps(obj: bpy.types.Object) -> list[str]:
@@ -93,69 +62,6 @@ def lost_bumps(obj: bpy.types.Object) -> list[str]:
     ]
 
 
-def find_points(
-    objects: Iterable[bpy.types.Object], name: str, recipe: Recipe
-) -> Iterator[bpy.types.Object]:
-    """The own points that a material's bumps are evaluated in: each scene has its own."""
-    made = name, recipe.structure
-    return (o for o in objects if own(o, BUMPS) and (o[OF_MATERIAL], o[STRUCTURE]) == made)
-
-
-def write_values(tree: bpy.types.NodeTree, recipe: Recipe) -> None:
-    """Have the nodes of a tree hold the recipe's values."""
-    for number, name, value in recipe.values:
-        node = tree.nodes[str(number)]
-        if name == "ramp":
-            _write_ramp(node.color_ramp, value)
-        elif name == "colour":
-            _write(node, "value", value)
-        elif name == "image":
-            uids = {image.session_uid: image for image in bpy.data.images}
-            _write(node.inputs["Image"], "default_value", uids.get(value))
-        elif name == "output":
-            _write(node.outputs[0], "default_value", value)
-        else:
-            socket = by_identifier(node.inputs, name)
-            _write(socket, "default_value", _fitted(value, socket.default_value))
-
-
-def _fitted(value, like):
-    """A number or numbers as a socket takes them that has so many."""
-    wanted = np.size(like)
-    if isinstance(value, str) or np.size(value) == wanted:
-        return value
-    return tuple(np.resize(value, wanted).tolist()) if wanted > 1 else float(np.mean(value[:3]))
-
-
-def _write(target, name: str, value) -> None:
-    """Set what differs."""
-    present = getattr(target, name)
-    same = (
-        np.allclose(np.array(present), np.array(value), rtol=1e-7, atol=0.0)
-        if isinstance(value, (tuple, float))
-        else present == value
-    )
-    if not same:
-        setattr(target, name, value)
-
-
-def _write_ramp(ramp: bpy.types.ColorRamp, value: tuple) -> None:
-    mode, interpolation, hue, ends = value
-    for name, setting in (
-        ("color_mode", mode),
-        ("interpolation", interpolation),
-        ("hue_interpolation", hue),
-    ):
-        _write(ramp, name, setting)
-    while len(ramp.elements) < len(ends):
-        ramp.elements.new(1.0)
-    while len(ramp.elements) > len(ends):
-        ramp.elements.remove(ramp.elements[-1])
-    for element, (position, *colour) in zip(ramp.elements, ends, strict=True):
-        _write(element, "position", position)
-        _write(element, "color", tuple(colour))
-
-
 _kept: OrderedDict[bytes, Corners] = OrderedDict()
 
 
@@ -168,18 +74,14 @@ def _recipe(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[str,
     return material.name_full, found if isinstance(found, Recipe) else None
 
 
-def _ready_points(name: str, recipe: Recipe) -> bpy.types.Object | None:
-    """The points to evaluate a material's bumps in, if they are made for these."""
-    return next((o for o in find_points(bpy.data.objects, name, recipe) if o.users_scene), None)
-
-
 def bumping(
     obj: bpy.types.Object,
     depsgraph: bpy.types.Depsgraph,
     points: np.ndarray,
     normals: np.ndarray,
     to_world: np.ndarray,
-    painted: dict[tuple, int],
+    pixels: dict[tuple, int],
+    paint: Paint | None = None,
     patience: float = 0.0,
 ) -> Generator[None, None, Corners] | None:
     """The triangles of an evaluated glass with the bumps of its material, a little at a time.
@@ -190,31 +92,33 @@ def bumping(
     ----------
     points, normals : (T, 3, 3), in its own frame.
     to_world : (4, 4).
-    painted : sums of images' pixels that are known already.
+    pixels : sums of images' pixels that are known already.
+    paint : of these triangles, if it is to be known at the corners.
     patience : seconds to wait for what is not prepared yet; then they are as they were.
 
     Returns
     -------
-    None where there are no bumps, or unknown ones.
+    None where there are no bumps, or unknown ones, and no paint.
     """
     name, recipe = _recipe(obj, depsgraph)
-    if recipe is None:
+    if recipe is None and paint is None:
         return None
-    maps = {name: _uv(obj, points, name[len(UV) :]) for name in recipe.coordinates if UV in name}
-    place = to_world if recipe.is_of_world else _stretch(to_world[:3, :3])
+    recipe = recipe or Recipe()
+    maps, place = maps_of(obj, points, sorted(recipe.coordinates)), frame_of(recipe, to_world)
     digest = hashlib.blake2b(repr(recipe.stamp()).encode())
     for array in (points, normals, place, *maps.values()):
         digest.update(np.ascontiguousarray(array).tobytes())
     images = tuple(recipe.images)
-    if images not in painted:
-        painted[images] = _painted(recipe)
-    digest.update(repr(painted[images]).encode())
+    if images not in pixels:
+        pixels[images] = painted(recipe)
+    digest.update(repr((pixels[images], paint and paint.stamp)).encode())
     key = digest.digest()
     if key in _kept:
         _kept.move_to_end(key)
         return _at_once(_kept[key])
-    field = _Field(name, recipe, obj.original.data, place)
-    return _remembered(key, field, (points, normals, maps), patience)
+    fields = Fields(name, recipe, obj.original.data, place, list(maps))
+    field = _Field(fields, paint, place[:3, :3], (points, normals, maps))
+    return _remembered(key, field, Corners(points, normals), patience)
 
 
 def _at_once(corners: Corners) -> Generator[None, None, Corners]:
@@ -223,55 +127,40 @@ def _at_once(corners: Corners) -> Generator[None, None, Corners]:
 
 
 def _remembered(
-    key: bytes, field: _Field, triangles: tuple, patience: float
+    key: bytes, field: _Field, smooth: Corners, patience: float
 ) -> Generator[None, None, Corners]:
     """Triangles with bumps, to be kept; where nothing is prepared, as they were."""
     until = time.perf_counter() + patience
-    while not field.is_ready() and time.perf_counter() < until:
+    while not field.is_ready and time.perf_counter() < until:
         yield
     try:
-        found = yield from field.refining(*triangles)
-    except _NotReady:
-        return Corners(*triangles[:2])
+        found = yield from field.refining()
+    except NotReady:
+        return smooth
     _kept[key] = found
     while sum(len(corners.points) for corners in _kept.values()) > MOST_KEPT:
         _kept.popitem(last=False)
     return found
 
 
-def _painted(recipe: Recipe) -> int:
-    """Equal for equal pixels of the images that a recipe looks up, but of very large ones."""
-    uids, found = {uid for uid, *_ in recipe.images}, 0
-    for image in bpy.data.images if uids else ():
-        if image.session_uid in uids and 0 < np.prod(image.size) <= MOST_PIXELS:
-            pixels = np.empty(len(image.pixels), np.float32)
-            image.pixels.foreach_get(pixels)
-            found = zlib.crc32(pixels, found)
-    return found
-
-
-class _NotReady(Exception):
-    """Nothing is prepared for a material as it is."""
-
-
-def bump_stamp(
+def surface_stamp(
     obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, to_world: np.ndarray
 ) -> tuple:
-    """Equal stamps, equal bumps of an evaluated glass that only turns or moves; () without any."""
-    name, recipe = _recipe(obj, depsgraph)
-    if recipe is None:
-        return ()
-    is_ready = _ready_points(name, recipe) is not None
-    place = to_world if recipe.is_of_world else _stretch(to_world[:3, :3])
-    return (*recipe.stamp(), is_ready, place.tobytes())
+    """Equal stamps, equal bumps and paint of an evaluated glass that only turns or moves."""
+    found = []
+    for material in glassy_materials(obj)[:1]:
+        for recipe in recipes_of(material.evaluated_get(depsgraph)):
+            ready = is_ready(material.name_full, recipe)
+            found += [*recipe.stamp(), ready, frame_of(recipe, to_world).tobytes()]
+    return tuple(found)
 
 
-class Bumps:
-    """The bumps of glasses that are read together: instances share what was read of a mesh."""
+class Surfaces:
+    """The surfaces of glasses that are read together: instances share what was read of a mesh."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        self._painted: dict[tuple, int] = {}
+        self._pixels: dict[tuple, int] = {}
         self.problems: list[str] = []
 
     def of(
@@ -281,14 +170,18 @@ class Bumps:
         opaque: int,
         to_world: np.ndarray,
     ) -> Corners:
-        """The triangles of an evaluated glass in a place, see `triangles_of`."""
+        """The triangles of an evaluated glass in a place with its bumps and paint, see
+        `triangles_of`."""
         key = evaluated.data.as_pointer()
         if key not in self._known:
             self._known[key] = triangles_of(evaluated.data, opaque)
-        found = None
-        steps = bumping(evaluated, depsgraph, *self._known[key], to_world, self._painted)
+        place = *self._known[key], to_world, self._pixels
+        paint = paint_on(evaluated, depsgraph, *place)
+        if paint is not None and not paint.is_ready:
+            paint = None
+        steps, found = bumping(evaluated, depsgraph, *place), None
         if steps is None:
-            return Corners(*self._known[key])
+            return Corners(*self._known[key], paint=paint)
         while found is None:
             try:
                 next(steps)
@@ -298,54 +191,9 @@ class Bumps:
             self.problems.append(
                 f'Glass "{evaluated.name}" has finer bumps than {MOST_TRIANGLES} triangles show'
             )
-        return found
-
-
-def _stretch(linear: np.ndarray) -> np.ndarray:
-    """(4, 4) a linear map (3, 3) but for what it turns: so a glass that turns stays the same."""
-    squares, axes = np.linalg.eigh(linear.T @ linear)
-    stretch = (axes * np.sqrt(np.maximum(squares, 0.0))) @ axes.T
-    found = np.eye(4)
-    digits = ROUNDED - int(np.ceil(np.log10(max(np.abs(stretch).max(), 1e-30))))
-    # No negative zeros: bytes are compared.
-    found[:3, :3] = np.round(stretch, digits) + 0.0
-    return found
-
-
-def _uv(obj: bpy.types.Object, points: np.ndarray, name: str) -> np.ndarray:
-    """(T, 3, 2) a UV map at the corners of triangles (T, 3, 3) of an evaluated mesh.
-
-    What renders leave of a mesh has no maps. Then they are those of the mesh before its modifiers,
-    whose triangles are known by their places; 0 where there is none.
-    """
-    for mesh in (obj.data, obj.original.data):
-        used = (layer.name for layer in mesh.uv_layers if layer.active_render)
-        layer = mesh.attributes.get(name or next(used, ""))
-        if layer is None or (layer.data_type, layer.domain) != ("FLOAT2", "CORNER"):
-            continue
-        loops, vertices = mesh_triangles(mesh, "loops"), mesh_triangles(mesh)
-        theirs, mine = positions(mesh)[vertices], points.astype(np.float32)
-        where, order = _same_triangles(mine, theirs)
-        if (where >= 0).all():
-            uv = read_attribute(layer)[loops][where]
-            return np.take_along_axis(uv, order[..., None], axis=1).astype(float)
-    return np.zeros((len(points), 3, 2))
-
-
-def _same_triangles(mine: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(T,) which of other triangles (S, 3, 3) has the corners of each of these (T, 3, 3), −1: none;
-    and (T, 3) which of its corners is each of these."""
-    both = np.concatenate((mine, theirs))
-    places = np.unique(both.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
-    turn = np.argsort(places, axis=1, kind="stable")
-    names = np.unique(np.sort(places, axis=1), axis=0, return_inverse=True)[1].ravel()
-    count = len(mine)
-    known = np.full(names.max(initial=-1) + 1, -1)
-    known[names[count:]] = np.arange(len(theirs))
-    where = known[names[:count]]
-    order = np.empty((count, 3), int)
-    np.put_along_axis(order, turn[:count], turn[count:][where] if len(theirs) else 0, axis=1)
-    return where, order
+        if paint is not None and found.source is not None:
+            paint = paint.in_parts(found.source)
+        return replace(found, paint=paint)
 
 
 @dataclass(eq=False)
@@ -368,35 +216,35 @@ class _Places:
 
 
 class _Field:
-    """The bumps of a material on a mesh."""
+    """The bumps of a material on a mesh, and its paint where that is asked for.
+
+    What it finds in a place are six numbers or more: unit normals in the world, as rays from
+    outside and from within meet them; and where there is paint what `Paint.at` has.
+    """
 
     def __init__(
-        self, material: str, recipe: Recipe, mesh: bpy.types.Mesh, to_world: np.ndarray
+        self, fields: Fields, paint: Paint | None, linear: np.ndarray, triangles: tuple
     ) -> None:
-        self._material, self._recipe = material, recipe
-        self._space = np.array((mesh.texspace_location, mesh.texspace_size))
-        self._to_world, self._linear = to_world, to_world[:3, :3]
+        self._fields, self._paint, self._linear = fields, paint, linear
+        self._points, self._normals, self._maps = triangles
         counters["bumps"] += 1
 
+    @property
     def is_ready(self) -> bool:
         """Whether there are points to evaluate in."""
-        return _ready_points(self._material, self._recipe) is not None
+        has_bumps = bool(self._fields.recipe.stages)
+        fields = not has_bumps or self._fields.is_ready
+        return fields and (self._paint is None or self._paint.is_ready)
 
-    def _cloud(self) -> bpy.types.Object:
-        """The points to evaluate in, with this moment's values: others may have used them."""
-        found = _ready_points(self._material, self._recipe)
-        if found is None:
-            raise _NotReady
-        write_values(found.modifiers[0].node_group, self._recipe)
-        return found
-
-    def refining(
-        self, points: np.ndarray, normals: np.ndarray, maps: dict
-    ) -> Generator[None, None, Corners]:
-        """Triangles (T, 3, 3) in parts whose normals run as the bumps' do, a round at a time."""
+    def refining(self) -> Generator[None, None, Corners]:
+        """The triangles in parts in which all runs as it does in truth, a round at a time."""
+        points, normals = self._points, self._normals
         self._size = float(np.linalg.norm(np.ptp(points.reshape(-1, 3), axis=0)))
-        self._names = list(maps)
-        corner_maps = np.concatenate([*maps.values(), np.zeros((len(points), 3, 0))], axis=2)
+        self._names = list(self._maps)
+        # Behind the maps of bumps those of the paint.
+        none = np.zeros((len(points), 3, 0))
+        painted = none if self._paint is None else self._paint.rows[..., 6:]
+        corner_maps = np.concatenate([*self._maps.values(), painted], axis=2)
         self._frame(points, corner_maps)
         rows = np.concatenate((points, normals, corner_maps), axis=2)
         rows = rows.reshape(-1, rows.shape[2])
@@ -409,7 +257,7 @@ class _Field:
         )
         self._grows = self._tangents()
         triangles = Triangles.whole(places.points, number.reshape(-1, 3))
-        tilted, within = yield from self._tilted(places)
+        looks = yield from self._looks(places)
         settled, missed = np.zeros(0, np.int64), 0.0
         for _ in range(MOST_ROUNDS):
             yield
@@ -419,12 +267,15 @@ class _Field:
             source = np.zeros(len(edges), int)
             source[of_triangle.ravel()] = np.repeat(triangles.origin, 3)
             middles = places.between(edges[asked], source[asked])
-            outer, inner = yield from self._tilted(middles)
-            straight = unit(tilted[edges[asked]].mean(axis=1))
-            gap = np.linalg.norm(outer - straight, axis=1)
+            found = yield from self._looks(middles)
+            straight = looks[edges[asked]].mean(axis=1)
+            gap = np.linalg.norm(found[:, :3] - unit(straight[:, :3]), axis=1)
             length = np.linalg.norm(np.diff(places.points[edges], axis=1)[:, 0], axis=1)
             long = length[asked] > COARSE * self._size
             missed = float((gap > TOLD).sum()) / len(edges)
+            if self._paint is not None:
+                off = np.abs(found[:, 6:] - straight[:, 6:]).max(axis=1)
+                gap = np.maximum(gap, TOLERANCE / COLOUR_TOLERANCE * off)
             gap[long] = np.inf
             room = (MOST_TRIANGLES - len(triangles.corners)) // 3
             if room <= 0:
@@ -443,10 +294,10 @@ class _Field:
             settled = np.concatenate((settled, keys[asked[gap <= TOLERANCE]]))
             new = np.flatnonzero(chosen)
             added = places.between(edges[new], source[new])
-            normal, behind = np.empty((2, len(edges), 3))
-            normal[asked], behind[asked] = outer, inner
+            of_edges = np.empty((len(edges), looks.shape[1]))
+            of_edges[asked] = found
             if len(missing):
-                normal[missing], behind[missing] = yield from self._tilted(
+                of_edges[missing] = yield from self._looks(
                     places.between(edges[missing], source[missing])
                 )
             yield
@@ -456,18 +307,21 @@ class _Field:
                     for name in ("points", "normals", "maps", "triangle")
                 )
             )
-            tilted = np.concatenate((tilted, normal[new]))
-            within = np.concatenate((within, behind[new]))
+            looks = np.concatenate((looks, of_edges[new]))
             triangles = triangles.split(edges, of_triangle, chosen)
-        if np.abs(tilted - unit(places.normals @ np.linalg.inv(self._linear))).max() < FLAT:
+        smooth = unit(places.normals @ np.linalg.inv(self._linear))
+        has_bumps = np.abs(looks[:, :3] - smooth).max() >= FLAT
+        if self._paint is None and not has_bumps:
             return Corners(points, normals)
         # Normals of the mesh's own frame: places in the world turn them by the inverse.
         corners = triangles.corners
         return Corners(
             triangles.points[corners],
-            (tilted @ self._linear)[corners],
-            (within @ self._linear)[corners],
+            (looks[:, :3] @ self._linear)[corners],
+            (looks[:, 3:6] @ self._linear)[corners] if has_bumps else None,
             missed,
+            (triangles.origin, triangles.weights),
+            None if self._paint is None else looks[corners, 6:],
         )
 
     def _frame(self, points: np.ndarray, maps: np.ndarray) -> None:
@@ -497,21 +351,28 @@ class _Field:
             found[name] = unit(grows), hand
         return found
 
-    def _tilted(self, places: _Places) -> Generator[None, None, np.ndarray]:
-        """(2, N, 3) normals in places, see `_tilted_now`, a part of the places at a time."""
-        found = np.empty((2, len(places.points), 3))
+    def _looks(self, places: _Places) -> Generator[None, None, np.ndarray]:
+        """(N, L) what is found in places, a part of them at a time."""
+        finish = 0 if self._paint is None else FINISH
+        found = np.empty((len(places.points), 6 + finish))
         for start in range(0, len(places.points), BLOCK):
             some = slice(start, start + BLOCK)
-            found[:, some] = self._tilted_now(places.take(some))
+            part = places.take(some)
+            found[some, :3], found[some, 3:6] = self._tilted(part)
+            if self._paint is not None:
+                maps = part.maps[:, 2 * len(self._names) :]
+                rows = np.concatenate((part.points, part.normals, maps), axis=1)
+                found[some, 6:] = self._paint.on(self._paint.kind[part.triangle], rows)
             yield
         return found
 
-    def _tilted_now(self, places: _Places) -> tuple[np.ndarray, np.ndarray]:
+    def _tilted(self, places: _Places) -> tuple[np.ndarray, np.ndarray]:
         """(N, 3) unit normals in the world with all bumps, as rays from outside and from within
         meet them."""
-        recipe, count = self._recipe, len(places.points)
-        inverse = np.linalg.inv(self._linear)
-        base = unit(places.normals @ inverse)
+        recipe, count = self._fields.recipe, len(places.points)
+        base = unit(places.normals @ np.linalg.inv(self._linear))
+        if not recipe.stages:
+            return base, base
         along, across = self._along[places.triangle], self._across[places.triangle]
         step = STEP * self._size
         offsets, outside, behind = _offsets(recipe)
@@ -524,7 +385,7 @@ class _Field:
             for x, y, hand in offsets
         ]
         where = [np.concatenate(part) for part in zip(*parts, strict=True)]
-        fields = self._evaluated(*where, np.tile(places.normals, (len(offsets), 1)))
+        fields = self._fields.evaluated(*where, np.tile(places.normals, (len(offsets), 1)))
         # The directions' lengths count: objects may be scaled.
         dx, dy = along @ self._linear.T, across @ self._linear.T
         outer, inner = base, base
@@ -551,7 +412,7 @@ class _Field:
             inner = _bump(inner, dx, dy, -within, strength)
         return outer, inner
 
-    def _mapped(self, stage, values: list[np.ndarray], places: _Places, base) -> np.ndarray:
+    def _mapped(self, stage: Stage, values: list[np.ndarray], places: _Places, base) -> np.ndarray:
         """Normals by a normal map."""
         colour, strength = 2.0 * values[0][0] - 1.0, values[1][0][:, :1]
         if stage.kind == "TANGENT":
@@ -573,51 +434,6 @@ class _Field:
         lost = ~mapped.any(axis=1)
         mapped[lost] = base[lost]
         return mapped
-
-    def _evaluated(
-        self, points: np.ndarray, mapped: np.ndarray, maps: np.ndarray, normals: np.ndarray
-    ) -> list:
-        """Of each stage its fields (N, 3), by places in the object's frame: those of coordinates
-        that are positions, and of those that are attributes."""
-        known = {
-            OBJECT: lambda: points,
-            WORLD: lambda: points @ self._linear.T + self._to_world[:3, 3],
-            NORMAL: lambda: unit(normals),
-            GENERATED: lambda: self._generated(mapped),
-        }
-        for number, name in enumerate(self._names):
-            pair = maps[:, 2 * number : 2 * number + 2]
-            known[name] = lambda pair=pair: np.column_stack((pair, np.zeros(len(pair))))
-        cloud = self._cloud()
-        mesh = cloud.data
-        mesh.clear_geometry()
-        mesh.vertices.add(len(points))
-        for name in sorted(self._recipe.coordinates):
-            write_attribute(mesh, attribute_of(name), known[name](), "FLOAT_VECTOR")
-        mesh.update()
-        cloud.update_tag()
-        layer = cloud.users_scene[0].view_layers[0]
-        layer.update()
-        found = cloud.evaluated_get(layer.depsgraph).data.attributes
-        counters["bump_points"] += len(points)
-        # Maths may give what is no number, and images may hold it. Differences of these are to be
-        # numbers.
-        most = float(np.finfo(np.float32).max)
-        return [
-            [
-                np.nan_to_num(
-                    read_attribute(found[FIELD.format(stage, part)]).astype(float),
-                    posinf=most,
-                    neginf=-most,
-                )
-                for part in range(len(fields))
-            ]
-            for stage, fields in enumerate(self._recipe.fields)
-        ]
-
-    def _generated(self, points: np.ndarray) -> np.ndarray:
-        middle, size = self._space[0], 2.0 * self._space[1]
-        return (points - middle) * np.divide(1.0, size, out=np.zeros(3), where=size != 0) + 0.5
 
 
 def _offsets(recipe: Recipe) -> tuple[list, tuple, tuple]:

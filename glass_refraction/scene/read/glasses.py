@@ -16,17 +16,9 @@ from ...optics.axial import AxialGlass
 from ...optics.revolution import nested
 from ..names import RefractiveGlassError, own
 from .animation import may_change
-from .bumps import Bumps
-from .mesh_glasses import (
-    Corners,
-    MeshGlass,
-    interface_of,
-    opaque_bits,
-    placed_corners,
-    placed_opaque,
-    triangles_of,
-    volume_absorption,
-)
+from .bumps import Surfaces
+from .glassy_materials import interface_of, opaque_bits, volume_absorption
+from .mesh_glasses import Corners, MeshGlass, placed_corners, placed_opaque, triangles_of
 from .modifier_inputs import data_path, has_input, read_input
 from .node_ends import trees
 from .visibility import layer_objects, rendered_objects
@@ -356,11 +348,11 @@ def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = No
     ------
     RefractiveGlassError
     """
-    glasses, wrong, bumps = [], [], Bumps()
+    glasses, wrong, surfaces = [], [], Surfaces()
 
     def read(obj: bpy.types.Object, *place) -> None:
         try:
-            glasses.append(read_glass(obj, depsgraph, *place, bumps=bumps))
+            glasses.append(read_glass(obj, depsgraph, *place, surfaces=surfaces))
         except RefractiveGlassError as error:
             if problems is None:
                 raise
@@ -374,7 +366,7 @@ def read_glasses(depsgraph: bpy.types.Depsgraph, problems: list[str] | None = No
             read(obj, np.array(instance.matrix_world, float))
     if problems is not None:
         # Of each instance the same.
-        problems.extend(dict.fromkeys(wrong + bumps.problems))
+        problems.extend(dict.fromkeys(wrong + surfaces.problems))
     return glasses
 
 
@@ -383,14 +375,14 @@ def read_glass(
     depsgraph: bpy.types.Depsgraph,
     to_world: np.ndarray | None = None,
     *,
-    bumps: Bumps | None = None,
+    surfaces: Surfaces | None = None,
 ) -> Glass:
     """One glass object as it is evaluated in the depsgraph.
 
     Parameters
     ----------
     to_world : (4, 4) of an instance of it; by default the object's own.
-    bumps : what is known of those of meshes; None: they are left out.
+    surfaces : what is known of those of meshes; None: bumps and paint are left out.
 
     Raises
     ------
@@ -407,10 +399,10 @@ def read_glass(
         bits = opaque_bits(modifier)
 
         def shape_of_mesh() -> tuple[np.ndarray, ...]:
-            if bumps is None:
+            if surfaces is None:
                 corners = Corners(*triangles_of(evaluated.data, bits))
             else:
-                corners = bumps.of(evaluated, depsgraph, bits, to_world)
+                corners = surfaces.of(evaluated, depsgraph, bits, to_world)
             return (*placed_corners(corners, to_world), placed_opaque(evaluated, to_world, bits))
 
         return _read_mesh(evaluated, depsgraph, to_world, shape_of_mesh)
@@ -469,7 +461,8 @@ def read_mesh_interface(
     RefractiveGlassError
     """
     nothing = np.zeros((0, 3, 3))
-    return _read_mesh(evaluated, depsgraph, to_world, lambda: (nothing, nothing, None, nothing))
+    shape = nothing, nothing, None, None, nothing
+    return _read_mesh(evaluated, depsgraph, to_world, lambda: shape)
 
 
 def _read_mesh(
@@ -478,14 +471,18 @@ def _read_mesh(
     to_world: np.ndarray,
     shape: Callable[[], tuple],
 ) -> Glass:
-    """A glass that is a mesh; ``shape`` gives its points, its normals, those from within and its
-    opaque triangles."""
+    """A glass that is a mesh; ``shape`` gives its points, its normals, those from within, its paint
+    and its opaque triangles."""
     name, modifier = evaluated.name, glass_modifier(evaluated)
     _check_place(to_world, name)
     try:
         interface = interface_of(evaluated, depsgraph, float(read_input(modifier, "IOR")))
-        points, normals, within, opaque = shape()
-        description = MeshGlass(points, normals, opaque=opaque, within=within, **vars(interface))
+        points, normals, within, paint, opaque = shape()
+        if paint is not None:
+            interface = replace(interface, roughness=paint.roughness)
+        description = MeshGlass(
+            points, normals, opaque=opaque, within=within, paint=paint, **vars(interface)
+        )
         # Lengths are counted in units of the object, as those of other shapes.
         scale = float(np.cbrt(abs(np.linalg.det(to_world[:3, :3]))))
         clear, inside = _absorption(modifier, description, scale)

@@ -186,10 +186,14 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
       enough = splits ? enough : 0.0;
       vec4 other = light * vec4(1.0, 1.0, 1.0, mirrored);
       light.w *= 1.0 - mirrored;
+#ifdef MESHES
       if (is_mesh) {
-        light.rgb *= row(met + 2).rgb;
-        other.rgb *= row(10 + GLASS_ROWS * hit).yzw;
+        vec3 through = row(met + 2).rgb, off = row(10 + GLASS_ROWS * hit).yzw;
+        paint_at(met, spot, through, off);
+        light.rgb *= through;
+        other.rgb *= off;
       }
+#endif
       vec3 turned = d + 2.0 * cosine * n;
       d = normalize(eta * d + (eta * cosine - behind) * n);
       p = here - clear;

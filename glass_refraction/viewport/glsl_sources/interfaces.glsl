@@ -167,6 +167,25 @@ vec3 unfolded(float x, float y)
   }
   return normalize(n);
 }
+
+/* A colour in one number, see `_in_one` in trees.py. */
+vec3 unpacked(float number)
+{
+  return mod(floor(number / vec3(65536.0, 256.0, 1.0)), 256.0) / 255.0;
+}
+
+/* What a mesh lets through at a place where it refracts and where it reflects, if it is painted. */
+void paint_at(int at, vec3 spot, inout vec3 through, inout vec3 off)
+{
+  vec4 mesh = row(at + 1);
+  if (mesh.w > 0.0) {
+    int k = int(mesh.w) + PAINT_TEXELS * ((int(spot.x) - int(mesh.z)) / TRIANGLE_TEXELS);
+    vec4 first = texel(k), second = texel(k + 1), third = texel(k + 2);
+    vec3 shares = vec3(1.0 - spot.y - spot.z, spot.yz);
+    through = mat3(first.rgb, second.rgb, third.rgb) * shares;
+    off = mat3(unpacked(first.w), unpacked(second.w), unpacked(third.w)) * shares;
+  }
+}
 #endif
 
 /* Unit normal towards the front of an interface at a place, which is put onto it. `d`: of the ray

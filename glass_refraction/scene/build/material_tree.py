@@ -1,44 +1,48 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Own geometry trees that evaluate the bumps of materials in any places."""
+"""Own geometry trees that evaluate textures of glassy materials in any places."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import bpy
 
 from ..names import TAG, hidden_name, own
-from ..read.bump_recipe import Recipe, by_identifier
-from ..read.bumps import BUMPS, FIELD, OF_MATERIAL, STRUCTURE, bumps_of, find_points, write_values
+from ..read.material_fields import (
+    FIELD,
+    FIELDS,
+    OF_MATERIAL,
+    STRUCTURE,
+    find_points,
+    write_values,
+)
+from ..read.material_recipe import Recipe, by_identifier, recipes_of
 from .own_scenes import new_object, remove_objects
 
 
-def prepare_bumps(collection: bpy.types.Collection, materials: list[bpy.types.Material]) -> None:
-    """Have an own collection hold points to evaluate these materials' bumps in, and no others."""
-    wanted = {m.name_full: bumps_of(m) for m in materials}
-    recipes = {name: recipe for name, recipe in wanted.items() if isinstance(recipe, Recipe)}
-    stale = [
-        obj
-        for obj in collection.objects
-        if own(obj, BUMPS)
-        and (
-            obj[OF_MATERIAL] not in recipes or obj[STRUCTURE] != recipes[obj[OF_MATERIAL]].structure
-        )
-    ]
+def prepare_fields(
+    collection: bpy.types.Collection, materials: Iterable[bpy.types.Material]
+) -> None:
+    """Have an own collection hold points to evaluate these materials in, and no others."""
+    wanted = [(m.name_full, recipe) for m in materials for recipe in recipes_of(m)]
+    kept = [obj for name, recipe in wanted for obj in find_points(collection.objects, name, recipe)]
+    stale = [obj for obj in collection.objects if own(obj, FIELDS) and obj not in kept]
     trees = [obj.modifiers[0].node_group for obj in stale if obj.modifiers]
     remove_objects(stale)
     for tree in trees:
         if tree is not None and not tree.users:
             bpy.data.node_groups.remove(tree)
-    for name, recipe in recipes.items():
+    for name, recipe in wanted:
         if not any(find_points(collection.objects, name, recipe)):
-            points = new_object(BUMPS, bpy.data.meshes.new(hidden_name(BUMPS)), collection)
+            points = new_object(FIELDS, bpy.data.meshes.new(hidden_name(FIELDS)), collection)
             points[OF_MATERIAL], points[STRUCTURE] = name, recipe.structure
-            points.modifiers.new("Bumps", "NODES").node_group = _tree(recipe)
+            points.modifiers.new("Fields", "NODES").node_group = _tree(recipe)
 
 
 def _tree(recipe: Recipe) -> bpy.types.NodeTree:
-    """Stores what each stage of the bumps takes in attributes of the points."""
-    tree = bpy.data.node_groups.new(hidden_name(BUMPS), "GeometryNodeTree")
-    tree[TAG] = BUMPS
+    """Stores what each stage of a recipe takes in attributes of the points."""
+    tree = bpy.data.node_groups.new(hidden_name(FIELDS), "GeometryNodeTree")
+    tree[TAG] = FIELDS
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
     made = []

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What nodes make a material's bumps, as plain values: what the extension builds its own tree of.
+"""What nodes make a glassy material's bumps, colours and roughness, as plain values: what the
+extension builds its own trees of.
 
 Shader nodes cannot be evaluated in places of one's choice. Most textures and maths are nodes of
 geometry trees too, by the same code; the others are told by name.
@@ -13,6 +14,7 @@ from dataclasses import dataclass, field
 import bpy
 
 from ..changes import shape_generation
+from .glassy_materials import PAINTED, interface_node
 
 GENERATED, OBJECT, WORLD, NORMAL, UV = "generated", "object", "world", "normal", "uv "
 """Coordinates that the points of a tree carry as attributes; that of a UV map ends in its name."""
@@ -28,11 +30,11 @@ Out = tuple[int, str]
 
 @dataclass(frozen=True)
 class Stage:
-    """A node that tilts normals; the next one tilts what it gives.
+    """A node that tilts normals, and the next one tilts what it gives; or a shader.
 
     Attributes
     ----------
-    kind : "BUMP", "DISPLACEMENT" with its space, or the space of a normal map.
+    kind : "BUMP", "DISPLACEMENT" with its space, the space of a normal map, or a shader's type.
     inverts : heights are depths.
     uv : the UV map of a normal map in tangent space; empty: the one that renders use.
     """
@@ -55,8 +57,9 @@ class Recipe:
     ----------
     nodes : (idname, properties) of each. links : (node, output, node, input), by identifiers.
     values : (node, socket or part, value) of what may be animated.
-    stages : what tilts the normals, in order. fields : of each stage the vector it takes: height,
-        strength and distance; height, middle and scale; or colour and, by another node, strength.
+    stages : what tilts the normals, in order; or the shader. fields : of each stage the vectors it
+        takes: height, strength and distance; height, middle and scale; colour and, by another node,
+        strength; or the inputs of `PAINTED`.
     coordinates : attributes that are read.
     images : what is looked up: of each the session uid, and what is equal as long as it is.
     """
@@ -76,7 +79,7 @@ class Recipe:
         return repr((self.nodes, self.links, self.stages, self.fields, parts))
 
     def stamp(self) -> tuple:
-        """Equal stamps give equal bumps in equal places."""
+        """Equal stamps give equal fields in equal places."""
         return self.structure, repr(self.values), repr(self.images)
 
     @property
@@ -96,19 +99,54 @@ def _size(value) -> int:
     return len(value) if isinstance(value, tuple) else 0
 
 
-def recipe_of(material: bpy.types.Material, shader: bpy.types.ShaderNode) -> Recipe | None:
-    """How a material tilts the normals of its (glass) shader; None: not at all.
-
-    Raises
-    ------
-    Untranslatable
-    """
+def bumps_of(material: bpy.types.Material | None) -> Recipe | str | None:
+    """How a glassy material tilts the normals of its shader; None: not at all. A name: by what is
+    not known."""
+    shader = interface_node(material)
+    if shader is None:
+        return None
     reader = _Reader(Recipe())
     end = material.node_tree.get_output_node("ALL")
-    if end is not None and material.displacement_method == "BUMP":
-        reader.displacement(end.inputs["Displacement"])
-    reader.normal(shader.inputs["Normal"], ())
+    try:
+        if end is not None and material.displacement_method == "BUMP":
+            reader.displacement(end.inputs["Displacement"])
+        reader.normal(shader.inputs["Normal"], ())
+    except Untranslatable as error:
+        return str(error)
     return reader.recipe if reader.recipe.stages else None
+
+
+def paint_of(material: bpy.types.Material | None) -> tuple[Recipe | None, dict[str, str]]:
+    """How nodes make the colours and the roughness of a glassy material; None: they are plain.
+
+    The second are its inputs that count by their own value, each with the name of what is not known
+    behind it.
+    """
+    shader = interface_node(material)
+    if shader is None:
+        return None, {}
+    inputs = [shader.inputs[name] for name in PAINTED[shader.type]]
+    linked, unknown = set(), {}
+    for socket in inputs:
+        reader = _Reader(Recipe())
+        if reader.is_linked(socket):
+            linked.add(socket.name)
+            try:
+                reader.taken(socket)
+            except Untranslatable as error:
+                unknown[socket.name] = str(error)
+    if linked <= unknown.keys():
+        return None, unknown
+    reader = _Reader(Recipe())
+    fields = [reader.taken(socket, socket.name in unknown) for socket in inputs]
+    reader.stage(Stage(shader.type), *fields)
+    return reader.recipe, unknown
+
+
+def recipes_of(material: bpy.types.Material) -> list[Recipe]:
+    """All that is evaluated of a material."""
+    found = bumps_of(material), paint_of(material)[0]
+    return [recipe for recipe in found if isinstance(recipe, Recipe)]
 
 
 _SAME = {
@@ -149,12 +187,31 @@ class _Reader:
             stage = Stage(f"DISPLACEMENT {node.space}")
             self._heights(stage, node, ("Height", "Midlevel", "Scale"), groups)
 
+    def is_linked(self, socket: bpy.types.NodeSocket) -> bool:
+        """Whether a node leads to an input of a shader."""
+        return self._is_linked(socket, ())
+
+    def taken(self, socket: bpy.types.NodeSocket, plainly: bool = False) -> Out:
+        """A shader's input as a vector. ``plainly``: whatever leads to it, by its own value."""
+        is_number = socket.type == "VALUE"
+        vector = (
+            self._node("ShaderNodeCombineXYZ")
+            if is_number
+            else self._node("ShaderNodeVectorMath", operation="ADD")
+        )
+        name = "X" if is_number else "Vector"
+        if plainly:
+            self.recipe.values.append((vector, name, _plain(socket.default_value)))
+        else:
+            self._feed(socket, vector, name, ())
+        return vector, "Vector"
+
     def _heights(self, stage: Stage, node, names: tuple[str, ...], groups: Groups) -> None:
         """A stage that takes three numbers."""
         both = self._node("ShaderNodeCombineXYZ")
         for source, name in zip(names, "XYZ", strict=True):
             self._feed(node.inputs[source], both, name, groups)
-        self._stage(stage, (both, "Vector"))
+        self.stage(stage, (both, "Vector"))
 
     def normal(self, socket: bpy.types.NodeSocket, groups: Groups) -> None:
         """What a shader takes as its normal."""
@@ -176,11 +233,12 @@ class _Reader:
             # It starts from the mesh's own normal.
             del self.recipe.stages[:], self.recipe.fields[:]
             kind = Stage(node.space, uv=node.uv_map)
-            self._stage(kind, (colour, "Vector"), (strength, "Vector"))
+            self.stage(kind, (colour, "Vector"), (strength, "Vector"))
         else:
             raise Untranslatable(node.bl_label)
 
-    def _stage(self, stage: Stage, *fields: Out) -> None:
+    def stage(self, stage: Stage, *fields: Out) -> None:
+        """Have a stage take fields."""
         self.recipe.stages.append(stage)
         self.recipe.fields.append(fields)
 
