@@ -21,7 +21,7 @@ from glass_refraction.scene.rays import frame, true
 from glass_refraction.scene.rays.caster import Caster
 from glass_refraction.scene.rays.follow import Follower
 from glass_refraction.scene.rays.radiance import Lookups
-from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import glass_modifier
 from glass_refraction.scene.read.viewpoint import read_viewpoint, samples_setting
 
 from .pictures import composite, computed, open_scene, timed

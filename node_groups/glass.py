@@ -14,11 +14,13 @@ from . import shadow
 from .tree_builder import TreeBuilder, enabled
 
 NAME = "Refractive Glass"
-VERSION = 2
+VERSION = 3
 """Counts the changes of this group: older files get the newest one by it (``scene/names.py``)."""
 SHAPES = ("Slab", "Cylinder", "Rod", "Sphere", "Tumbler", "Revolution", "Mesh")
 CORNER_NORMAL = "rg_corner_normal"
 """Attribute of a mesh's loose points that renders leave out: the normal of a triangle's corner."""
+CORNER_MARK = "rg_corner_mark"
+"""Another: the place on the UV map, and the material slot."""
 SHARP = 0.8
 """Radians between the normals on both sides of an edge that is a rim."""
 MOST_SLOTS = 30
@@ -82,7 +84,7 @@ def build():
     is_shown = b.switch("BOOLEAN", is_viewport.outputs[0], group.outputs["Show in Render"], True)
     is_whole = b.switch("BOOLEAN", only_edges.outputs[0], is_shown, False)
     left = b.switch("GEOMETRY", only_edges.outputs[0], unshown, _edges(b, menu.outputs["Output"]))
-    left = _with_corners(b, left, is_mesh, glass, opaque)
+    left = _with_corners(b, left, is_mesh, glass, opaque, group.outputs["UV Map"])
     out = b.switch("GEOMETRY", is_whole, left, dressed)
     end = b.node("NodeGroupOutput")
     b.link(out, end.inputs[0])
@@ -134,7 +136,7 @@ def _parted(b: TreeBuilder, own, slots):
     return glass, opaque
 
 
-def _with_corners(b: TreeBuilder, left, is_mesh, glass, opaque):
+def _with_corners(b: TreeBuilder, left, is_mesh, glass, opaque, uv_map):
     """What is left of a glass, and of a mesh its opaque faces and its glass's corners, loose.
 
     No engine draws loose points of a mesh; the extension reads the glass from them. Three in a row
@@ -159,13 +161,22 @@ def _with_corners(b: TreeBuilder, left, is_mesh, glass, opaque):
     place = b.node("SetPosition")
     b.link(loose.outputs[0], place.inputs["Geometry"])
     b.link(of_corner(b.node("InputPosition").outputs[0]), place.inputs["Position"])
-    store = b.node("StoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
-    b.link(place.outputs[0], store.inputs["Geometry"])
-    store.inputs["Name"].default_value = CORNER_NORMAL
-    normal = of_corner(kept.outputs["Normal"])
-    b.link(normal, enabled(store.inputs, "Value"))
+    uv = b.node("InputNamedAttribute", data_type="FLOAT_VECTOR")
+    b.link(uv_map, uv.inputs["Name"])
+    pair, mark = b.node("ShaderNodeSeparateXYZ"), b.node("ShaderNodeCombineXYZ")
+    b.link(uv.outputs["Attribute"], pair.inputs[0])
+    b.link(pair.outputs["X"], mark.inputs["X"])
+    b.link(pair.outputs["Y"], mark.inputs["Y"])
+    b.link(b.node("InputMaterialIndex").outputs[0], mark.inputs["Z"])
+    stored = place.outputs[0]
+    for name, value in ((CORNER_NORMAL, kept.outputs["Normal"]), (CORNER_MARK, mark.outputs[0])):
+        store = b.node("StoreNamedAttribute", data_type="FLOAT_VECTOR", domain="POINT")
+        b.link(stored, store.inputs["Geometry"])
+        store.inputs["Name"].default_value = name
+        b.link(of_corner(value), enabled(store.inputs, "Value"))
+        stored = store.outputs[0]
     parts = b.node("JoinGeometry")
-    for part in (store.outputs[0], left, opaque):
+    for part in (stored, left, opaque):
         b.link(part, parts.inputs[0])
     return b.switch("GEOMETRY", is_mesh, left, parts.outputs[0])
 
@@ -364,6 +375,12 @@ def _interface(b: TreeBuilder) -> None:
         default=0,
         hidden=True,
         description="Set by the extension: the material slots whose faces are no glass, a bit each",
+    )
+    b.socket(
+        "UV Map",
+        "String",
+        hidden=True,
+        description="Set by the extension: the UV map that textures of the glass's material use",
     )
 
 

@@ -21,7 +21,7 @@ from mathutils import Vector
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import glass_refraction
-from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import glass_modifier
 from glass_refraction.ui.icons import FOLDER
 from glass_refraction.ui.presets import PRESETS, Preset
 

@@ -32,7 +32,8 @@ from glass_refraction.reference.interfaces import interfaces
 from glass_refraction.reference.metrics import psnr, to_srgb
 from glass_refraction.reference.png import write_png
 from glass_refraction.scene.rays import frame as frames
-from glass_refraction.scene.read.glasses import glass_modifier, read_glasses
+from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.modifier_inputs import glass_modifier
 
 WIDTH, HEIGHT = 320, 240
 GREY, DARK = 0.5, 0.05

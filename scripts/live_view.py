@@ -330,7 +330,7 @@ def move_eye(k: int) -> None:
 
 def mover():
     """A function that moves the object with the most vertices that is no glass."""
-    from glass_refraction.scene.read.glasses import glass_modifier
+    from glass_refraction.scene.read.modifier_inputs import glass_modifier
 
     things = [o for o in bpy.context.scene.objects if o.type == "MESH" and not glass_modifier(o)]
     thing = max(things, key=lambda o: len(o.data.vertices))

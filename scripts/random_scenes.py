@@ -32,8 +32,7 @@ from glass_refraction.reference.cycles import render_reference
 from glass_refraction.reference.metrics import to_srgb
 from glass_refraction.reference.png import write_png
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.scene.update import memory_of
 
 SIZE = (200, 150)

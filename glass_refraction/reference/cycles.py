@@ -19,17 +19,18 @@ from ..scene.build.mirrored import INPUT as MIRROR
 from ..scene.build.shaders import math_node, met_where, new_surface
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.rays.looks import look_of
-from ..scene.read.glasses import Glass, glass_modifier, read_glasses
+from ..scene.read.glasses import Glass, read_glasses
 from ..scene.read.glassy_materials import (
     CLEAR,
     PAINTED,
     glassy_materials,
     interface_node,
+    material_interface,
     opaque_bits,
 )
 from ..scene.read.light_linking import lights_any
 from ..scene.read.material_recipe import recipes_of
-from ..scene.read.modifier_inputs import read_input, write_input
+from ..scene.read.modifier_inputs import glass_modifier, read_input, write_input
 from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .interfaces import Interfaces, interfaces, near_shells, overlapping
 from .picture import Request, finished, rendering_picture
@@ -268,17 +269,24 @@ def _show_mesh(obj: bpy.types.Object, glass: Glass, style: _Style) -> None:
         thinner.strength = -FILM * float(np.ptp(np.array(obj.bound_box), axis=0).max())
         style.temporary.callback(obj.modifiers.remove, thinner)
     absorption = glass.absorption if glass.is_tinted else (None, None)
-    own_one = next(iter(glassy_materials(obj)), None)
-    material = style.material(
-        (glass.description.ior, *absorption, *surface_look(glass)),
-        own_one if own_one is not None and recipes_of(own_one) else None,
-    )
+    own_ones = glassy_materials(obj)
+
+    def like(own_one: bpy.types.Material | None) -> bpy.types.Material:
+        look = surface_look(glass)
+        if own_one is not None:
+            said = material_interface(own_one)
+            look = said.roughness, said.refracted, said.reflected
+        kind = glass.description.ior, *absorption, *look
+        return style.material(kind, own_one if own_one and recipes_of(own_one) else None)
+
+    first = next(iter(own_ones), None)
     if not obj.material_slots:
-        obj.data.materials.append(material)
+        obj.data.materials.append(like(first))
         style.temporary.callback(obj.data.materials.pop)
     for slot in obj.material_slots:
+        own_one = slot.material if slot.material in own_ones else first
         style.set(slot, "link", "OBJECT")
-        style.set(slot, "material", material)
+        style.set(slot, "material", like(own_one))
     style.set(obj, "visible_shadow", style.shadows)
     style.set(obj, "visible_diffuse", style.shadows)
 

@@ -25,7 +25,7 @@ from .. import optics
 from ..scene.build.glass_mesh import fill_mesh, glass_surfaces
 from ..scene.rays.stage import placed_glasses
 from ..scene.read.glasses import Glass, as_body
-from ..scene.read.mesh_glasses import triangles_of
+from ..scene.read.mesh_corners import triangles_of
 
 SKIN = 1e-4
 """Of the size of all glasses: so far before and behind a piece its media are looked up, and nearer

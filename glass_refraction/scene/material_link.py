@@ -3,7 +3,7 @@
 
 What was seen last tells which of the two was changed. Nothing is written before a change is seen,
 nor where animation or drivers decide. The modifier also follows in which of the mesh's materials
-are no glass.
+are no glass, and in the UV map that they look up.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from __future__ import annotations
 import bpy
 
 from .read.animation import may_change
-from .read.glasses import glass_modifier, is_mesh_glass
+from .read.glasses import is_mesh_glass
 from .read.glassy_materials import (
     OPAQUE,
     glassy_materials,
     interface_node,
-    opaque_bits,
     wanted_bits,
 )
-from .read.modifier_inputs import data_path, has_input, read_input, write_input
+from .read.material_fields import UV_MAP, wanted_map
+from .read.modifier_inputs import data_path, glass_modifier, has_input, read_input, write_input
 
 CLOSE = 1e-6
 """Float32 keeps an ior to this."""
@@ -47,12 +47,16 @@ def follow(depsgraph: bpy.types.Depsgraph) -> None:
             _follow(obj)
 
 
-def tell_opaque(obj: bpy.types.Object) -> None:
-    """Have a glass that can be written know which material slots of its mesh are no glass."""
-    modifier = glass_modifier(obj)
-    bits = wanted_bits(obj) if is_mesh_glass(obj) else 0
-    if bits != opaque_bits(modifier) and has_input(modifier, OPAQUE):
-        write_input(modifier, OPAQUE, bits)
+def tell_modifier(obj: bpy.types.Object) -> None:
+    """Have a glass that can be written know which material slots of its mesh are no glass, and
+    which UV map its materials look up."""
+    modifier, is_mesh = glass_modifier(obj), is_mesh_glass(obj)
+    for name, wanted in (
+        (OPAQUE, wanted_bits(obj) if is_mesh else 0),
+        (UV_MAP, wanted_map(obj) if is_mesh else ""),
+    ):
+        if has_input(modifier, name):
+            write_input(modifier, name, wanted)
 
 
 def _follow(obj: bpy.types.Object, *, write: bool = True) -> bool:
@@ -61,7 +65,7 @@ def _follow(obj: bpy.types.Object, *, write: bool = True) -> bool:
         return False
     modifier = glass_modifier(obj)
     if write and obj.is_editable:
-        tell_opaque(obj)
+        tell_modifier(obj)
     material = next(iter(glassy_materials(obj)), None)
     if material is None:
         _seen.pop(obj.session_uid, None)

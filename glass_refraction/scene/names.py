@@ -20,7 +20,7 @@ OCCLUDER_GROUP = "Refractive Glass Occluder"
 NODE_GROUPS = Path(__file__).resolve().parents[2] / "node_groups" / "refractive_glass.blend"
 
 VERSION_KEY = f"{TAG}_version"
-GLASS_VERSION = 2
+GLASS_VERSION = 3
 """Of the modifier's node group; ``node_groups/glass.py`` counts it. Older files have older ones."""
 
 

@@ -25,16 +25,14 @@ from .build.compositor import can_insert, remove_group, remove_stray_nodes, show
 from .build.own_scenes import find_own_scenes, own_blocks, remove_leftovers, remove_own_scenes
 from .build.standing import blocks_of, made_for, strays
 from .changes import generation
-from .material_link import tell_opaque
+from .material_link import tell_modifier
 from .memory import Status, counters, forget, memory_of, status
 from .names import RefractiveGlassError, own
 from .progress import tell
 from .rays import true
 from .rays.true import finish
-from .read.bumps import lost_bumps
 from .read.glasses import (
     all_glasses,
-    glass_modifier,
     glass_objects,
     instanced_glasses,
     is_mesh_glass,
@@ -42,9 +40,9 @@ from .read.glasses import (
     put_last,
     read_glass,
 )
-from .read.glassy_materials import opaque_bits, unread
-from .read.modifier_inputs import write_input
-from .read.paint import lost_paint
+from .read.glassy_materials import opaque_bits
+from .read.modifier_inputs import glass_modifier, write_input
+from .read.unread import unread
 from .read.viewpoint import read_viewpoint
 from .read.visibility import rendered_layer
 from .steps import Do, Step, at_once
@@ -105,9 +103,8 @@ def prepare(
     if is_true:
         glasses += _editable(instanced, problems)
         for obj in filter(is_mesh_glass, glasses):
-            tell_opaque(obj)
+            tell_modifier(obj)
             problems += unread(obj, opaque_bits(glass_modifier(obj)))
-            problems += lost_bumps(obj) + lost_paint(obj)
     else:
         for obj in instanced:
             if obj.is_editable:

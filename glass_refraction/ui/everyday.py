@@ -10,8 +10,7 @@ import numpy as np
 from bpy_extras.object_utils import AddObjectHelper, add_object_align_init, object_data_add
 from mathutils import Euler, Matrix, Vector
 
-from ..scene.read.glasses import glass_modifier
-from ..scene.read.modifier_inputs import write_input
+from ..scene.read.modifier_inputs import glass_modifier, write_input
 from . import staying
 from .operators import MAX_LENGTH, MIN_LENGTH, can_edit
 from .presets import LENGTHS, PRESETS, Part

@@ -12,8 +12,7 @@ import re
 import bpy
 
 from ..optics import MEDIA
-from ..scene.read.glasses import glass_modifier
-from ..scene.read.modifier_inputs import read_input, write_input
+from ..scene.read.modifier_inputs import glass_modifier, read_input, write_input
 from . import staying
 
 CUSTOM = "CUSTOM"

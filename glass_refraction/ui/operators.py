@@ -15,11 +15,12 @@ from ..scene import update as door
 from ..scene.build.materials import glass_material
 from ..scene.names import MODIFIER, load_group, own
 from ..scene.read.arrays import positions
-from ..scene.read.glasses import LEAST_LENGTH, glass_modifier, put_last
+from ..scene.read.glasses import LEAST_LENGTH, put_last
 from ..scene.read.glassy_materials import glassy_materials, interface_of
 from ..scene.read.lathe import Lathe, lathe_of
-from ..scene.read.mesh_glasses import open_edges, triangles_of
-from ..scene.read.modifier_inputs import write_input
+from ..scene.read.mesh_corners import triangles_of
+from ..scene.read.mesh_glasses import open_edges
+from ..scene.read.modifier_inputs import glass_modifier, write_input
 from ..scene.read.orientation import orientation_of, turn_all, turn_outwards
 from ..scene.read.profile_curves import form_profile, turned_profile
 from ..scene.steps import Apart, Step

@@ -12,15 +12,15 @@ from bpy.app.translations import pgettext_iface as _iface
 from ..scene import changes
 from ..scene import update as door
 from ..scene.names import own
-from ..scene.read.glasses import glass_modifier
 from ..scene.read.glassy_materials import (
     glassy_materials,
     interface_node,
     opaque_bits,
     opaque_materials,
 )
-from ..scene.read.mesh_glasses import is_hidden, open_edges
-from ..scene.read.modifier_inputs import has_input, read_input, value_place
+from ..scene.read.mesh_corners import is_hidden
+from ..scene.read.mesh_glasses import open_edges
+from ..scene.read.modifier_inputs import glass_modifier, has_input, read_input, value_place
 from ..scene.read.orientation import Orientation, orientation_of
 from . import bake, staying
 from .compare import SCENE_OT_refractive_glass_compare

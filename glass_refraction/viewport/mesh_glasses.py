@@ -16,9 +16,10 @@ import numpy as np
 from ..optics import LINES
 from ..scene.names import RefractiveGlassError
 from ..scene.read.bumps import bumping, surface_stamp
-from ..scene.read.glasses import glass_modifier, read_mesh_interface
+from ..scene.read.glasses import read_mesh_interface
 from ..scene.read.glassy_materials import opaque_bits
-from ..scene.read.mesh_glasses import Corners, triangles_of
+from ..scene.read.mesh_corners import Corners, corners_of
+from ..scene.read.modifier_inputs import glass_modifier
 from ..scene.read.paint import paint_on
 from .description import Posed
 from .news import News
@@ -132,19 +133,20 @@ class MeshGlasses:
             self._wanted[where] = key
             return
         try:
-            points, normals = triangles_of(evaluated.data, opaque_bits(glass_modifier(evaluated)))
-            if len(points) > MOST_TRIANGLES:
+            corners = corners_of(evaluated.data, opaque_bits(glass_modifier(evaluated)))
+            count = len(corners.points)
+            if count > MOST_TRIANGLES:
                 raise ValueError(
-                    f"{len(points)} triangles are too many for the live view, which takes "
+                    f"{count} triangles are too many for the live view, which takes "
                     f"{MOST_TRIANGLES}: fewer in the viewport make it shown"
                 )
-            form = shaped(points, normals, stretch)
-            read = evaluated, depsgraph, points, normals, place.to_world, self._pixels
+            form = shaped(corners.points, corners.normals, stretch)
+            read = evaluated, depsgraph, corners, place.to_world, self._pixels
             bumps = bumping(*read, paint_on(*read), PATIENCE)
         except ValueError as error:
             raise RefractiveGlassError(f'Glass "{name}": {error}') from error
         before = self._known.get(where) if bumps is None else None
-        if before is not None and before[1].tree.count == len(points) <= QUICK_TRIANGLES:
+        if before is not None and before[1].tree.count == count <= QUICK_TRIANGLES:
             # The same mesh, deformed: its order is as good as any.
             self._wanted.pop(where, None)
             self._known[where] = (

@@ -11,15 +11,9 @@ import numpy as np
 from .. import optics
 from ..optics.axial import BoundedGlass
 from ..scene.names import RefractiveGlassError, own
-from ..scene.read.glasses import (
-    as_body,
-    glass_modifier,
-    glass_objects,
-    is_mesh_glass,
-    named_glasses,
-    read_glass,
-)
+from ..scene.read.glasses import as_body, glass_objects, is_mesh_glass, named_glasses, read_glass
 from ..scene.read.glassy_materials import opaque_bits
+from ..scene.read.modifier_inputs import glass_modifier
 from ..scene.read.sources import source_objects
 from ..scene.read.viewpoint import Viewpoint
 from .capture import Box, box_of

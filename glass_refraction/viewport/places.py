@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..scene.read.glasses import glass_modifier, glass_objects, instances, named_glasses
-from ..scene.read.modifier_inputs import has_input, read_input
+from ..scene.read.glasses import glass_objects, instances, named_glasses
+from ..scene.read.modifier_inputs import glass_modifier, has_input, read_input
 
 Key = tuple[int, int]
 """An object's session uid, and a number among the places of the same object."""

@@ -21,8 +21,8 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..scene.changes import generation, is_echo
-from ..scene.read.glasses import glass_modifier, instanced_glasses
-from ..scene.read.modifier_inputs import has_input, read_input, write_input
+from ..scene.read.glasses import instanced_glasses
+from ..scene.read.modifier_inputs import glass_modifier, has_input, read_input, write_input
 from . import news, shaders
 from .eye import overlay_nearer, view_eye
 from .jobs import (

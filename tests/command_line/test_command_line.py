@@ -10,8 +10,7 @@ import pytest
 
 from glass_refraction.cli import main
 from glass_refraction.scene.bake.playback import baked
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
 import scenes

@@ -18,12 +18,8 @@ from glass_refraction.scene.build.compositor import group_node, has_group, remov
 from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.build.own_scenes import user_scene_of
 from glass_refraction.scene.names import NODE_GROUPS, TAG, RefractiveGlassError, own
-from glass_refraction.scene.read.glasses import (
-    glass_modifier,
-    instanced_glasses,
-    merged_glasses,
-)
-from glass_refraction.scene.read.modifier_inputs import read_input, write_input
+from glass_refraction.scene.read.glasses import instanced_glasses, merged_glasses
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, read_input, write_input
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "scene"))
 import scenes

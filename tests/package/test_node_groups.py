@@ -8,7 +8,7 @@ import bpy
 from glass_refraction.scene.names import GLASS_VERSION, MODIFIER, NODE_GROUPS, VERSION_KEY
 from node_groups.build import build
 
-GLASS_GROUPS = {1: "d0a51eb15534", 2: "f4b98b5809de"}
+GLASS_GROUPS = {1: "d0a51eb15534", 2: "f4b98b5809de", 3: "55c90bb55706"}
 """What each version of the glass's node group is, in short: a changed group is a new version."""
 
 

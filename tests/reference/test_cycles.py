@@ -14,7 +14,7 @@ from glass_refraction.reference.cycles import render_reference  # noqa: E402
 from glass_refraction.scene.build.glass_material import Interface, glass_shader  # noqa: E402
 from glass_refraction.scene.names import RefractiveGlassError  # noqa: E402
 from glass_refraction.scene.read.glasses import Glass  # noqa: E402
-from glass_refraction.scene.read.mesh_glasses import material_interface  # noqa: E402
+from glass_refraction.scene.read.glassy_materials import material_interface  # noqa: E402
 
 SIZE = 64
 WALL_Y = 0.25

@@ -5,8 +5,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import data_path, value_place
+from glass_refraction.scene.read.modifier_inputs import data_path, glass_modifier, value_place
 
 FRAMES = (1, 2, 3)
 """Of the keyframes."""

@@ -8,8 +8,8 @@ import scenes
 
 from glass_refraction import optics
 from glass_refraction.reference.cycles import render_reference
-from glass_refraction.scene.read.glasses import glass_modifier, read_glasses
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 
 COLOUR = np.array((0.2, 0.5, 0.8))
 THICKNESS = 0.02

@@ -5,6 +5,7 @@ import bpy
 import numpy as np
 import pytest
 import scenes
+from glassy import cube, glass_of, link, material, node, paint, painted, prepared, seen
 
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
@@ -15,6 +16,7 @@ from glass_refraction.scene.read import bumps
 from glass_refraction.scene.read.bumps import COARSE, MOST_TRIANGLES, TOLERANCE
 from glass_refraction.scene.read.glasses import read_glasses
 from glass_refraction.scene.read.material_fields import FIELDS
+from glass_refraction.scene.read.unread import unread
 
 FINE = 3e-3
 """Radians: single precision, and steps of a ten thousandth of the mesh."""
@@ -23,32 +25,6 @@ FINE = 3e-3
 @pytest.fixture(autouse=True)
 def nothing_kept():
     bumps._kept.clear()
-
-
-def material(name="Bumpy"):
-    made = bpy.data.materials.new(name)
-    tree = made.node_tree
-    tree.nodes.clear()
-    end = tree.nodes.new("ShaderNodeOutputMaterial")
-    glass = tree.nodes.new("ShaderNodeBsdfGlass")
-    glass.inputs["Roughness"].default_value = 0.0
-    tree.links.new(glass.outputs[0], end.inputs["Surface"])
-    return made
-
-
-def node(made, kind, **inputs):
-    found = made.node_tree.nodes.new(f"ShaderNode{kind}")
-    for name, value in inputs.items():
-        found.inputs[name].default_value = value
-    return found
-
-
-def link(made, source, target):
-    made.node_tree.links.new(source, target)
-
-
-def glass_of(made):
-    return next(n for n in made.node_tree.nodes if n.type == "BSDF_GLASS")
 
 
 def bump(made, height, **inputs):
@@ -84,26 +60,6 @@ def noise(made, scale=4.0, coordinate="Object"):
     place = node(made, "TexCoord")
     link(made, place.outputs[coordinate], found.inputs["Vector"])
     return found
-
-
-def cube(made, *, scale=(1.0, 1.0, 1.0), turn=(0.0, 0.0, 0.0)):
-    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(0.1, 0.2, 0.3), rotation=turn, scale=scale)
-    obj = bpy.context.object
-    obj.data.materials.append(made)
-    assert bpy.ops.object.refractive_glass_modifier_add(shape="MESH") == {"FINISHED"}
-    if bpy.context.scene.camera is None:
-        scenes.camera()
-    prepared()
-    return obj
-
-
-def prepared():
-    door.prepare(scenes.settings(shading="TRUE"), scenes.depsgraph())
-
-
-def seen():
-    """The first glass's description as renders read it."""
-    return read_glasses(scenes.depsgraph())[0].description
 
 
 def flat(mesh):
@@ -210,22 +166,6 @@ def test_a_flat_normal_map_changes_nothing_and_a_tilted_one_tilts_along_the_map(
     tilt = mesh.normals[above].reshape(-1, 3)
     assert np.abs(tilt - tilt[0]).max() < FINE
     assert np.sort(np.abs(tilt[0])) == pytest.approx((0.0, 0.6, 0.8), abs=FINE)
-
-
-def painted(made, heights, space="Non-Color"):
-    """A picture in a material, of these heights (64,) along u."""
-    image = bpy.data.images.new("Ramp", 64, 4, float_buffer=True)
-    image.colorspace_settings.name = space
-    paint(image, heights)
-    picture = node(made, "TexImage")
-    picture.image = image
-    return picture
-
-
-def paint(image, heights):
-    pixels = np.ones((4, 64, 4), np.float32)
-    pixels[..., :3] = np.asarray(heights)[:, None]
-    image.pixels.foreach_set(pixels.ravel())
 
 
 RISE = (np.arange(64) + 0.5) / 64
@@ -440,7 +380,7 @@ def test_every_texture_can_be_evaluated(kind):
     link(made, texture.outputs[0], steps.inputs[0])
     bump(made, steps.outputs[0], Distance=0.01)
     obj = cube(made)
-    assert bumps.lost_bumps(obj) == []
+    assert unread(obj, 0) == []
     assert np.isfinite(seen().normals).all()
 
 

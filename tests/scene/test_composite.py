@@ -7,8 +7,8 @@ import pytest
 import scenes
 
 from glass_refraction import optics
-from glass_refraction.scene.read.glasses import glass_modifier, glass_objects, read_glasses
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.glasses import glass_objects, read_glasses
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.vertices.regions import region_masks
 

@@ -9,8 +9,8 @@ import scenes
 from glass_refraction import optics
 from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.read.glasses import glass_modifier, read_glasses
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 
 
 def _white_stripe():

@@ -11,9 +11,10 @@ from mathutils import Vector
 
 from glass_refraction import optics
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.read.glasses import glass_modifier, read_glass, read_glasses, rigid_pose
+from glass_refraction.scene.read.glasses import read_glass, read_glasses, rigid_pose
 from glass_refraction.scene.read.modifier_inputs import (
     data_path,
+    glass_modifier,
     has_input,
     read_input,
     write_input,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scenes
 
-from glass_refraction.scene.read.glasses import glass_modifier, read_glass
+from glass_refraction.scene.read.glasses import read_glass
 from glass_refraction.scene.read.lathe import lathe_of
-from glass_refraction.scene.read.modifier_inputs import read_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, read_input
 
 CUP = ((0, 0), (0.03, 0), (0.035, 0.1), (0.032, 0.1), (0.027, 0.006), (0, 0.006))
 """Radius and height, metres: up the outside, over the rim, down the inside."""

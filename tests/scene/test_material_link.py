@@ -7,8 +7,13 @@ import scenes
 
 from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import material_link
-from glass_refraction.scene.read.glasses import glass_modifier, read_glass
-from glass_refraction.scene.read.modifier_inputs import data_path, read_input, write_input
+from glass_refraction.scene.read.glasses import read_glass
+from glass_refraction.scene.read.modifier_inputs import (
+    data_path,
+    glass_modifier,
+    read_input,
+    write_input,
+)
 
 
 def _material(name="Own", ior=1.7, kind="ShaderNodeBsdfGlass"):

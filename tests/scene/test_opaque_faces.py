@@ -12,10 +12,11 @@ from glass_refraction.reference.picture import finished
 from glass_refraction.scene import material_link
 from glass_refraction.scene import update as door
 from glass_refraction.scene.rays.stage import placed_glasses
-from glass_refraction.scene.read.glasses import glass_modifier, read_glass
-from glass_refraction.scene.read.glassy_materials import OPAQUE, unread
-from glass_refraction.scene.read.mesh_glasses import triangles_of
-from glass_refraction.scene.read.modifier_inputs import read_input, write_input
+from glass_refraction.scene.read.glasses import read_glass
+from glass_refraction.scene.read.glassy_materials import OPAQUE
+from glass_refraction.scene.read.mesh_corners import triangles_of
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, read_input, write_input
+from glass_refraction.scene.read.unread import unread
 from glass_refraction.viewport.model import Model
 from glass_refraction.viewport.news import News
 
@@ -120,21 +121,21 @@ def test_glass_beside_a_label_keeps_its_normals(tmp_path):
 def test_the_modifier_follows_the_materials():
     obj = _glass(_labelled())
     modifier = glass_modifier(obj)
-    material_link.tell_opaque(obj)
+    material_link.tell_modifier(obj)
     assert read_input(modifier, OPAQUE) == 0b10
     glass, label = (slot.material for slot in obj.material_slots)
     obj.material_slots[0].material, obj.material_slots[1].material = label, glass
-    material_link.tell_opaque(obj)
+    material_link.tell_modifier(obj)
     assert read_input(modifier, OPAQUE) == 0b01
     obj.material_slots[1].material = label
     # No material of it is a glass, so all of it is.
-    material_link.tell_opaque(obj)
+    material_link.tell_modifier(obj)
     assert read_input(modifier, OPAQUE) == 0
     obj.material_slots[0].material = glass
-    material_link.tell_opaque(obj)
+    material_link.tell_modifier(obj)
     assert read_input(modifier, OPAQUE) == 0b10
     write_input(modifier, "Shape", "Sphere")
-    material_link.tell_opaque(obj)
+    material_link.tell_modifier(obj)
     assert read_input(modifier, OPAQUE) == 0
 
 
@@ -228,7 +229,7 @@ def test_the_picture_without_glass_has_its_label(tmp_path):
 def test_the_live_view_has_a_label_among_its_things():
     scenes.camera()
     obj = _glass(_labelled())
-    material_link.tell_opaque(obj)
+    material_link.tell_modifier(obj)
     bpy.context.view_layer.update()
     model = Model()
     space = None

@@ -7,8 +7,7 @@ import pytest
 import scenes
 
 from glass_refraction.optics import fresnel
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 
 TINT = np.array([0.9, 0.5, 0.2])
 

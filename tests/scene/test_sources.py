@@ -7,8 +7,7 @@ import scenes
 
 from glass_refraction.scene.names import COPY_GROUP, load_group
 from glass_refraction.scene.read.arrays import read_attribute
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.scene.read.sources import (
     pieces,
     seen_through,

@@ -13,8 +13,8 @@ from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene.build.layers import find_layers
 from glass_refraction.scene.build.own_scenes import source_of
 from glass_refraction.scene.names import RefractiveGlassError
-from glass_refraction.scene.read.glasses import glass_modifier, read_glasses
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 from glass_refraction.scene.update import memory_of, prepare, update
 from glass_refraction.scene.vertices.hull import faces_eye, first_face

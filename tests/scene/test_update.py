@@ -10,8 +10,7 @@ from glass_refraction.scene import update as door
 from glass_refraction.scene.build.layers import ROLES, find_layers
 from glass_refraction.scene.build.own_scenes import source_of
 from glass_refraction.scene.names import TAG, RefractiveGlassError, own
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import read_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, read_input
 
 
 def _scene(**settings):

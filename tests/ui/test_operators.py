@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from glass_refraction.optics import MEDIA
-from glass_refraction.scene.read.glasses import glass_modifier, read_glass
+from glass_refraction.scene.read.glasses import read_glass
 from glass_refraction.scene.read.mesh_glasses import open_edges
-from glass_refraction.scene.read.modifier_inputs import read_input, write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, read_input, write_input
 from glass_refraction.scene.read.orientation import orientation_of
 from glass_refraction.ui import icons, media
 from glass_refraction.ui.everyday import fitting_size

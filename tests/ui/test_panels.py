@@ -10,8 +10,7 @@ import bpy
 import pytest
 
 from glass_refraction.scene import update as door
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.ui import bake, menus, operators, panels, presets
 
 sys.path.insert(0, str(Path(__file__).parent))

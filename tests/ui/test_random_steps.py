@@ -12,8 +12,7 @@ import bpy
 import pytest
 
 from glass_refraction import handlers
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import has_input, write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, has_input, write_input
 from glass_refraction.ui import menus, overlay, panels, presets
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -9,7 +9,7 @@ import pytest
 
 import glass_refraction
 from glass_refraction.scene.names import NODE_GROUPS
-from glass_refraction.scene.read.glasses import glass_modifier
+from glass_refraction.scene.read.modifier_inputs import glass_modifier
 from glass_refraction.ui import asset_library, translations
 from glass_refraction.ui.presets import PRESETS
 

@@ -71,7 +71,12 @@ def _principled(tree: bpy.types.NodeTree, interface: Interface) -> bpy.types.Sha
     _give(tree, interface.roughness, shader.inputs["Roughness"])
     shader.inputs["Transmission Weight"].default_value = 1.0
     # It refracts by the root of its colour.
-    squares = [math_node(tree, "MULTIPLY", part, part) for part in interface.colour]
+    squares = [
+        math_node(tree, "MULTIPLY", part, part)
+        if isinstance(part, bpy.types.NodeSocket)
+        else part**2
+        for part in interface.colour
+    ]
     _join(tree, squares, shader.inputs["Base Color"])
     _join(tree, interface.mirrored, shader.inputs["Specular Tint"])
     return shader
@@ -81,6 +86,9 @@ def _join(
     tree: bpy.types.NodeTree, channels: Sequence[Value], target: bpy.types.NodeSocket
 ) -> None:
     """Give a colour input red, green and blue."""
+    if not any(isinstance(value, bpy.types.NodeSocket) for value in channels):
+        target.default_value = (*channels, 1.0)
+        return
     join = tree.nodes.new("ShaderNodeCombineColor")
     for value, channel in zip(channels, join.inputs, strict=True):
         _give(tree, value, channel)

@@ -18,8 +18,8 @@ import numpy as np
 from ..memory import counters
 from ..names import hidden_name, own
 from ..progress import in_main_thread
-from ..read.glasses import Glass, glass_modifier
-from ..read.modifier_inputs import has_input, read_input, write_input
+from ..read.glasses import Glass
+from ..read.modifier_inputs import glass_modifier, has_input, read_input, write_input
 from .glass_material import Interface, glass_shader, surface_look
 from .glass_mesh import Surface, fill_mesh, film, glass_surfaces
 from .own_scenes import new_collection, new_object, remove_objects, show_only

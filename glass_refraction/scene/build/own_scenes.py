@@ -17,8 +17,7 @@ import bpy
 from ..bake.files import BAKE
 from ..memory import counters
 from ..names import REFERENCE, TAG, hidden_name, load_group, own
-from ..read.glasses import glass_modifier
-from ..read.modifier_inputs import has_input, read_input, write_input
+from ..read.modifier_inputs import glass_modifier, has_input, read_input, write_input
 from ..read.sources import is_carried
 
 NUMBER = "refractive_glass_number"

@@ -12,9 +12,10 @@ from ...optics.vectors import rotated
 from ..names import own
 from ..read.arrays import corner_normals, mesh_triangles, positions, triangle_slots, uv_map
 from ..read.cutouts import Masks, cutout_of, faces_of, is_invisible
-from ..read.glasses import glass_modifier, is_mesh_glass
+from ..read.glasses import is_mesh_glass
 from ..read.glassy_materials import opaque_bits, opaque_materials
 from ..read.light_linking import is_mirrored
+from ..read.modifier_inputs import glass_modifier
 from ..read.strands import MOST_TRIANGLES, balls, fur, strands
 from .columns import Columns
 from .lamps import lamp_shape

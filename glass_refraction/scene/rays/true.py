@@ -35,7 +35,6 @@ from ..read.arrays import write_polygons
 from ..read.glasses import (
     all_glasses,
     as_bodies,
-    glass_modifier,
     glass_objects,
     instanced_glasses,
     is_mesh_glass,
@@ -44,7 +43,7 @@ from ..read.glasses import (
 )
 from ..read.glassy_materials import glassy_materials
 from ..read.light_linking import is_mirrored
-from ..read.modifier_inputs import has_input, read_input
+from ..read.modifier_inputs import glass_modifier, has_input, read_input
 from ..read.sources import source_objects
 from ..read.viewpoint import (
     Viewpoint,

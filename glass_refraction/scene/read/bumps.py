@@ -11,7 +11,7 @@ import hashlib
 import time
 from collections import OrderedDict
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -21,7 +21,7 @@ from .arrays import unit
 from .glassy_materials import glassy_materials
 from .material_fields import Fields, NotReady, frame_of, is_ready, maps_of, painted
 from .material_recipe import GENERATED, OBJECT, UV, WORLD, Recipe, Stage, bumps_of, recipes_of
-from .mesh_glasses import Corners, triangles_of
+from .mesh_corners import Corners, corners_of
 from .paint import FINISH, Paint, paint_on
 from .triangles import Triangles
 
@@ -50,18 +50,6 @@ MOST_KEPT = 6 * MOST_TRIANGLES
 """Triangles of such meshes that are kept for the next time: many small ones, or a few large."""
 
 
-def lost_bumps(obj: bpy.types.Object) -> list[str]:
-    """A line if the bumps of an object's first glassy material cannot be evaluated."""
-    material = next(iter(glassy_materials(obj)), None)
-    unknown = bumps_of(material)
-    if not isinstance(unknown, str):
-        return []
-    return [
-        f'Glass "{obj.name}" is seen without the bumps of its material "{material.name}": '
-        f"{unknown} is not known where rays go (a Displace modifier works)"
-    ]
-
-
 _kept: OrderedDict[bytes, Corners] = OrderedDict()
 
 
@@ -77,8 +65,7 @@ def _recipe(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[str,
 def bumping(
     obj: bpy.types.Object,
     depsgraph: bpy.types.Depsgraph,
-    points: np.ndarray,
-    normals: np.ndarray,
+    corners: Corners,
     to_world: np.ndarray,
     pixels: dict[tuple, int],
     paint: Paint | None = None,
@@ -90,7 +77,7 @@ def bumping(
 
     Parameters
     ----------
-    points, normals : (T, 3, 3), in its own frame.
+    corners : of its mesh.
     to_world : (4, 4).
     pixels : sums of images' pixels that are known already.
     paint : of these triangles, if it is to be known at the corners.
@@ -104,9 +91,9 @@ def bumping(
     if recipe is None and paint is None:
         return None
     recipe = recipe or Recipe()
-    maps, place = maps_of(obj, points, sorted(recipe.coordinates)), frame_of(recipe, to_world)
+    maps, place = maps_of(obj, corners, sorted(recipe.coordinates)), frame_of(recipe, to_world)
     digest = hashlib.blake2b(repr(recipe.stamp()).encode())
-    for array in (points, normals, place, *maps.values()):
+    for array in (corners.points, corners.normals, place, *maps.values()):
         digest.update(np.ascontiguousarray(array).tobytes())
     images = tuple(recipe.images)
     if images not in pixels:
@@ -117,8 +104,7 @@ def bumping(
         _kept.move_to_end(key)
         return _at_once(_kept[key])
     fields = Fields(name, recipe, obj.original.data, place, list(maps))
-    field = _Field(fields, paint, place[:3, :3], (points, normals, maps))
-    return _remembered(key, field, Corners(points, normals), patience)
+    return _remembered(key, _Field(fields, paint, place[:3, :3], corners, maps), patience)
 
 
 def _at_once(corners: Corners) -> Generator[None, None, Corners]:
@@ -126,9 +112,7 @@ def _at_once(corners: Corners) -> Generator[None, None, Corners]:
     yield
 
 
-def _remembered(
-    key: bytes, field: _Field, smooth: Corners, patience: float
-) -> Generator[None, None, Corners]:
+def _remembered(key: bytes, field: _Field, patience: float) -> Generator[None, None, Corners]:
     """Triangles with bumps, to be kept; where nothing is prepared, as they were."""
     until = time.perf_counter() + patience
     while not field.is_ready and time.perf_counter() < until:
@@ -136,7 +120,7 @@ def _remembered(
     try:
         found = yield from field.refining()
     except NotReady:
-        return smooth
+        return field.corners
     _kept[key] = found
     while sum(len(corners.points) for corners in _kept.values()) > MOST_KEPT:
         _kept.popitem(last=False)
@@ -148,7 +132,7 @@ def surface_stamp(
 ) -> tuple:
     """Equal stamps, equal bumps and paint of an evaluated glass that only turns or moves."""
     found = []
-    for material in glassy_materials(obj)[:1]:
+    for material in glassy_materials(obj):
         for recipe in recipes_of(material.evaluated_get(depsgraph)):
             ready = is_ready(material.name_full, recipe)
             found += [*recipe.stamp(), ready, frame_of(recipe, to_world).tobytes()]
@@ -159,7 +143,7 @@ class Surfaces:
     """The surfaces of glasses that are read together: instances share what was read of a mesh."""
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._known: dict[int, Corners] = {}
         self._pixels: dict[tuple, int] = {}
         self.problems: list[str] = []
 
@@ -169,19 +153,19 @@ class Surfaces:
         depsgraph: bpy.types.Depsgraph,
         opaque: int,
         to_world: np.ndarray,
-    ) -> Corners:
-        """The triangles of an evaluated glass in a place with its bumps and paint, see
-        `triangles_of`."""
+    ) -> tuple[Corners, Paint | None]:
+        """The triangles of an evaluated glass in a place with its bumps, see `corners_of`, and its
+        paint."""
         key = evaluated.data.as_pointer()
         if key not in self._known:
-            self._known[key] = triangles_of(evaluated.data, opaque)
-        place = *self._known[key], to_world, self._pixels
+            self._known[key] = corners_of(evaluated.data, opaque)
+        place = self._known[key], to_world, self._pixels
         paint = paint_on(evaluated, depsgraph, *place)
         if paint is not None and not paint.is_ready:
             paint = None
         steps, found = bumping(evaluated, depsgraph, *place), None
         if steps is None:
-            return Corners(*self._known[key], paint=paint)
+            return self._known[key], paint
         while found is None:
             try:
                 next(steps)
@@ -193,7 +177,7 @@ class Surfaces:
             )
         if paint is not None and found.source is not None:
             paint = paint.in_parts(found.source)
-        return replace(found, paint=paint)
+        return found, paint
 
 
 @dataclass(eq=False)
@@ -223,10 +207,15 @@ class _Field:
     """
 
     def __init__(
-        self, fields: Fields, paint: Paint | None, linear: np.ndarray, triangles: tuple
+        self,
+        fields: Fields,
+        paint: Paint | None,
+        linear: np.ndarray,
+        corners: Corners,
+        maps: dict[str, np.ndarray],
     ) -> None:
-        self._fields, self._paint, self._linear = fields, paint, linear
-        self._points, self._normals, self._maps = triangles
+        self.corners = corners
+        self._fields, self._paint, self._linear, self._maps = fields, paint, linear, maps
         counters["bumps"] += 1
 
     @property
@@ -238,7 +227,7 @@ class _Field:
 
     def refining(self) -> Generator[None, None, Corners]:
         """The triangles in parts in which all runs as it does in truth, a round at a time."""
-        points, normals = self._points, self._normals
+        points, normals = self.corners.points, self.corners.normals
         self._size = float(np.linalg.norm(np.ptp(points.reshape(-1, 3), axis=0)))
         self._names = list(self._maps)
         # Behind the maps of bumps those of the paint.
@@ -248,7 +237,10 @@ class _Field:
         self._frame(points, corner_maps)
         rows = np.concatenate((points, normals, corner_maps), axis=2)
         rows = rows.reshape(-1, rows.shape[2])
-        _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        # Faces of two materials share no corner.
+        kind = np.zeros(len(points)) if self._paint is None else self._paint.kind
+        apart = np.column_stack((rows, np.repeat(kind, 3)))
+        _, first, number = np.unique(apart, axis=0, return_index=True, return_inverse=True)
         places = _Places(
             rows[first, :3],
             rows[first, 3:6],
@@ -312,16 +304,17 @@ class _Field:
         smooth = unit(places.normals @ np.linalg.inv(self._linear))
         has_bumps = np.abs(looks[:, :3] - smooth).max() >= FLAT
         if self._paint is None and not has_bumps:
-            return Corners(points, normals)
+            return self.corners
         # Normals of the mesh's own frame: places in the world turn them by the inverse.
         corners = triangles.corners
         return Corners(
             triangles.points[corners],
             (looks[:, :3] @ self._linear)[corners],
-            (looks[:, 3:6] @ self._linear)[corners] if has_bumps else None,
-            missed,
-            (triangles.origin, triangles.weights),
-            None if self._paint is None else looks[corners, 6:],
+            self.corners.slots[triangles.origin],
+            within=(looks[:, 3:6] @ self._linear)[corners] if has_bumps else None,
+            missed=missed,
+            source=(triangles.origin, triangles.weights),
+            finish=None if self._paint is None else looks[corners, 6:],
         )
 
     def _frame(self, points: np.ndarray, maps: np.ndarray) -> None:

@@ -18,8 +18,9 @@ from ..names import RefractiveGlassError, own
 from .animation import may_change
 from .bumps import Surfaces
 from .glassy_materials import interface_of, opaque_bits, volume_absorption
-from .mesh_glasses import Corners, MeshGlass, placed_corners, placed_opaque, triangles_of
-from .modifier_inputs import data_path, has_input, read_input
+from .mesh_corners import corners_of
+from .mesh_glasses import MeshGlass, placed_corners, placed_opaque
+from .modifier_inputs import data_path, glass_modifier, has_input, read_input
 from .node_ends import trees
 from .visibility import layer_objects, rendered_objects
 
@@ -157,14 +158,6 @@ class Glass:
     def points_to_world(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the glass's frame in the world."""
         return points @ self.to_world[:3, :3].T + self.to_world[:3, 3]
-
-
-def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
-    """The object's ``Refractive Glass`` modifier, or None."""
-    for modifier in obj.modifiers:
-        if modifier.type == "NODES" and own(modifier.node_group, "glass"):
-            return modifier
-    return None
 
 
 def put_last(obj: bpy.types.Object) -> None:
@@ -400,10 +393,11 @@ def read_glass(
 
         def shape_of_mesh() -> tuple[np.ndarray, ...]:
             if surfaces is None:
-                corners = Corners(*triangles_of(evaluated.data, bits))
+                corners, paint = corners_of(evaluated.data, bits), None
             else:
-                corners = surfaces.of(evaluated, depsgraph, bits, to_world)
-            return (*placed_corners(corners, to_world), placed_opaque(evaluated, to_world, bits))
+                corners, paint = surfaces.of(evaluated, depsgraph, bits, to_world)
+            placed = placed_corners(corners, to_world, paint)
+            return *placed, placed_opaque(evaluated, to_world, bits)
 
         return _read_mesh(evaluated, depsgraph, to_world, shape_of_mesh)
     _check_place(to_world, obj.name)

@@ -61,16 +61,20 @@ def interface_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, ior: flo
 
 
 def volume_absorption(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """(3,) absorption coefficients, per metre, of the volume of an object's first glassy material.
+    """(3,) absorption coefficients, per metre, of an object's first glassy material."""
+    material = next(iter(glassy_materials(obj)), None)
+    if material is None:
+        return np.zeros(3)
+    return material_absorption(material.evaluated_get(depsgraph))
+
+
+def material_absorption(material: bpy.types.Material) -> np.ndarray:
+    """(3,) absorption coefficients, per metre.
 
     They are those of a Volume Absorption node that leads to the material's output, as Cycles has
     them; of all other volumes 0. Inputs with links count as they would without.
     """
-    material = next(iter(glassy_materials(obj)), None)
-    if material is None:
-        return np.zeros(3)
-    tree = material.evaluated_get(depsgraph).node_tree
-    node = leading_node(tree, "Volume", "VOLUME_ABSORPTION")
+    node = leading_node(material.node_tree, "Volume", "VOLUME_ABSORPTION")
     if node is None:
         return np.zeros(3)
     return max(_value(node, "Density"), 0.0) * (1.0 - _colour(node, "Color"))
@@ -84,51 +88,6 @@ def glassy_materials(obj: bpy.types.Object) -> list[bpy.types.Material]:
     """
     slots = (slot.material for slot in obj.original.material_slots)
     return [m for m in dict.fromkeys(slots) if material_interface(m) is not None]
-
-
-def unread(obj: bpy.types.Object, opaque: int) -> list[str]:
-    """A line for each thing that an object's materials have and that is not seen in the glass.
-
-    ``opaque``: see `triangles_of`.
-    """
-    materials = glassy_materials(obj)
-    if not materials:
-        return []
-    found, node = [], interface_node(materials[0])
-    # Of these `paint.lost_textures` tells.
-    told = "Normal", *PAINTED[node.type]
-    links = ((i.name, i.links) for i in node.inputs if i.name not in told)
-    linked = [name for name, of in links if any(not link.is_muted for link in of)]
-    others = (node.inputs.get(name) for name in _BESIDE_GLASS)
-    linked += [i.name for i in others if i is not None and not i.is_linked and i.default_value]
-    if linked:
-        found.append(
-            f'Glass "{obj.name}" is seen without what its material "{materials[0].name}" has as '
-            f"{', '.join(linked)}: it takes plain values of a glass"
-        )
-    index = np.empty(len(obj.data.polygons), np.int32)
-    obj.data.polygons.foreach_get("material_index", index)
-    shown = [slot.material for n, slot in enumerate(obj.material_slots) if (index == n).any()]
-    used = [m for m in dict.fromkeys(shown) if m is not None]
-    if any(m in materials[1:] for m in used):
-        found.append(
-            f'Glass "{obj.name}" is all of its first glassy material, "{materials[0].name}": '
-            "separate the faces of others (Edit Mode, P > By Material), which then are glasses too"
-        )
-    known = {*materials, *opaque_materials(obj, opaque)}
-    left = [m.name for m in used if m not in known]
-    if left:
-        found.append(
-            f'Glass "{obj.name}" is glass on its faces of "{", ".join(left)}" too: link these '
-            "materials to Data (Material Properties), or separate the faces (Edit Mode, P > By "
-            "Material)"
-        )
-    return found
-
-
-_BESIDE_GLASS = ("Metallic", "Coat Weight", "Emission Strength", "Thin Film Thickness", "Thin Wall")
-"""Inputs of a shader that make of a glass what is not computed; plain glass has 0. Blender has a
-thin wall since 5.2."""
 
 
 def material_interface(material: bpy.types.Material | None) -> Interface | None:

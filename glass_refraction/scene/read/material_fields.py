@@ -16,6 +16,7 @@ import numpy as np
 from ..memory import counters
 from ..names import own
 from .arrays import mesh_triangles, positions, read_attribute, unit, write_attribute
+from .glassy_materials import glassy_materials
 from .material_recipe import (
     GENERATED,
     NORMAL,
@@ -25,7 +26,10 @@ from .material_recipe import (
     Recipe,
     attribute_of,
     by_identifier,
+    recipes_of,
 )
+from .mesh_corners import Corners
+from .modifier_inputs import glass_modifier, has_input, read_input
 
 FIELDS = "fields"
 """Role of the own points that a material's textures are evaluated in, and of their tree."""
@@ -144,20 +148,48 @@ def frame_of(recipe: Recipe, to_world: np.ndarray) -> np.ndarray:
     return found
 
 
-def maps_of(obj: bpy.types.Object, points: np.ndarray, names: Iterable[str]) -> dict:
-    """The UV maps, (T, 3, 2) each, that are among the names of coordinates."""
-    return {name: _uv(obj, points, name[len(UV) :]) for name in names if name.startswith(UV)}
+def maps_of(obj: bpy.types.Object, corners: Corners, names: Iterable[str]) -> dict:
+    """The UV maps (T, 3, 2) of an evaluated mesh that are among the names of coordinates."""
+    wanted = {name: name[len(UV) :] for name in names if name.startswith(UV)}
+    told = read_map(glass_modifier(obj)) if wanted else ""
+    found = {}
+    for name, layer in wanted.items():
+        is_left = corners.uv is not None and told == (layer or rendered_map(obj.original.data))
+        found[name] = corners.uv if is_left else _map(obj, corners.points, layer)
+    return found
 
 
-def _uv(obj: bpy.types.Object, points: np.ndarray, name: str) -> np.ndarray:
+UV_MAP = "UV Map"
+"""Input of the glass's modifier: the map whose places renders leave, see `mesh_corners`."""
+
+
+def read_map(modifier: bpy.types.NodesModifier | None) -> str:
+    """The name of the UV map that a glass's modifier is told of; an older one, or None, of none."""
+    knows = modifier is not None and has_input(modifier, UV_MAP)
+    return read_input(modifier, UV_MAP) if knows else ""
+
+
+def wanted_map(obj: bpy.types.Object) -> str:
+    """The name of the UV map that an object's glassy materials look up, the first of several."""
+    recipes = [recipe for material in glassy_materials(obj) for recipe in recipes_of(material)]
+    names = sorted(name for recipe in recipes for name in recipe.coordinates)
+    maps = [name[len(UV) :] for name in names if name.startswith(UV)]
+    return (maps[0] or rendered_map(obj.data)) if maps else ""
+
+
+def rendered_map(mesh: bpy.types.Mesh) -> str:
+    """The name of the UV map that renders use where none is named."""
+    return next((layer.name for layer in mesh.uv_layers if layer.active_render), "")
+
+
+def _map(obj: bpy.types.Object, points: np.ndarray, name: str) -> np.ndarray:
     """(T, 3, 2) a UV map at the corners of triangles (T, 3, 3) of an evaluated mesh.
 
     What renders leave of a mesh has no maps. Then they are those of the mesh before its modifiers,
     whose triangles are known by their places; 0 where there is none.
     """
     for mesh in (obj.data, obj.original.data):
-        used = (layer.name for layer in mesh.uv_layers if layer.active_render)
-        layer = mesh.attributes.get(name or next(used, ""))
+        layer = mesh.attributes.get(name or rendered_map(mesh))
         if layer is None or (layer.data_type, layer.domain) != ("FLOAT2", "CORNER"):
             continue
         loops, vertices = mesh_triangles(mesh, "loops"), mesh_triangles(mesh)

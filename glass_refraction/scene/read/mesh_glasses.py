@@ -13,19 +13,14 @@ import numpy as np
 
 from ...optics.facets import placed
 from .arrays import (
-    corner_normals,
     edges_of_corners,
     mesh_triangles,
     positions,
-    read_attribute,
     triangle_slots,
 )
-from .glassy_materials import CLEAR, MOST_SLOTS, opaque_materials
+from .glassy_materials import CLEAR, opaque_materials
+from .mesh_corners import Corners, corners_of
 from .paint import Paint
-
-CORNER_NORMAL = "rg_corner_normal"
-"""Attribute of the loose points, three a triangle, that the modifier leaves of a mesh where it
-hides it; `node_groups.glass` makes them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,30 +84,6 @@ class MeshGlass:
         return np.array((self.points.min(axis=(0, 1)), self.points.max(axis=(0, 1))))
 
 
-@dataclass(frozen=True, eq=False)
-class Corners:
-    """Corners of a mesh's triangles in its own frame.
-
-    Attributes
-    ----------
-    points, normals : (T, 3, 3), see `triangles_of`.
-    within : (T, 3, 3) the normals for rays that come from within, if bumps make them others.
-    missed : part of the edges between whose ends bumps are other than the normals.
-    source : (T,) of which triangle of the mesh each is a part, and (T, 3, 3) where in it its
-        corners lie; None: they are the mesh's.
-    finish : (T, 3, 7) see `Paint.at`, where it was asked for.
-    paint : see `MeshGlass`.
-    """
-
-    points: np.ndarray
-    normals: np.ndarray
-    within: np.ndarray | None = None
-    missed: float = 0.0
-    source: tuple[np.ndarray, np.ndarray] | None = None
-    finish: np.ndarray | None = None
-    paint: Paint | None = None
-
-
 def placed_triangles(
     mesh: bpy.types.Mesh, to_world: np.ndarray, opaque: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -121,19 +92,21 @@ def placed_triangles(
     Parameters
     ----------
     to_world : (4, 4), any that has an inverse.
-    opaque : see `triangles_of`.
+    opaque : see `corners_of`.
 
     Raises
     ------
     ValueError
         No faces, or coordinates that are no numbers.
     """
-    return placed_corners(Corners(*triangles_of(mesh, opaque)), to_world)[:2]
+    return placed_corners(corners_of(mesh, opaque), to_world)[:2]
 
 
-def placed_corners(corners: Corners, to_world: np.ndarray) -> tuple:
+def placed_corners(
+    corners: Corners, to_world: np.ndarray, paint: Paint | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, Paint | None]:
     """Points and unit normals (T, 3, 3) of triangles in the world, those from within or None, and
-    what they are painted with.
+    their paint.
 
     Raises
     ------
@@ -149,48 +122,7 @@ def placed_corners(corners: Corners, to_world: np.ndarray) -> tuple:
     if corners.within is not None:
         found.append(placed(corners.points, corners.within, *place)[1])
     found = [np.ascontiguousarray(part[kept]) for part in found]
-    paint = corners.paint and corners.paint.of_some(kept)
-    return *(*found, None)[:3], paint
-
-
-def triangles_of(mesh: bpy.types.Mesh, opaque: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Points and normals (T, 3, 3) of the corners of a mesh's triangles, in its own frame.
-
-    Parameters
-    ----------
-    opaque : what `opaque_bits` has of the glass; its faces that are no glass are left out.
-
-    Raises
-    ------
-    ValueError
-        No faces, or coordinates that are no numbers.
-    """
-    points = positions(mesh).astype(float)
-    if is_hidden(mesh):
-        normals = read_attribute(mesh.attributes[CORNER_NORMAL]).astype(float)
-        # What casts the shadow and what is opaque have no such normals.
-        own_points = normals.any(axis=1)
-        points, normals = points[own_points], normals[own_points]
-    else:
-        glass = np.flatnonzero(~_is_opaque(mesh, opaque))
-        normals = corner_normals(mesh).astype(float)[mesh_triangles(mesh, "loops")[glass]]
-        points = points[mesh_triangles(mesh)[glass]]
-    if not len(points):
-        raise ValueError("its mesh has no faces: a glass needs some")
-    if not np.isfinite(points).all():
-        raise ValueError("its mesh has a point that is no number: delete or move it")
-    return points.reshape(-1, 3, 3), normals.reshape(-1, 3, 3)
-
-
-def is_hidden(mesh: bpy.types.Mesh) -> bool:
-    """Whether a glass's modifier left its glass's corners of an evaluated mesh, and no face."""
-    return CORNER_NORMAL in mesh.attributes
-
-
-def _is_opaque(mesh: bpy.types.Mesh, opaque: int) -> np.ndarray:
-    """(T,) whether each of a mesh's triangles is of one of the opaque slots."""
-    slots = np.minimum(triangle_slots(mesh), MOST_SLOTS)
-    return (opaque >> slots & 1).astype(bool)
+    return *(*found, None)[:3], None if paint is None else paint.of_some(kept)
 
 
 def placed_opaque(obj: bpy.types.Object, to_world: np.ndarray, opaque: int) -> np.ndarray:

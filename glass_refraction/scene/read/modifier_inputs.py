@@ -1,12 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Inputs of a Geometry Nodes modifier by socket name, in Blender 5.0 and in 5.2's new form."""
+"""The modifier of a glass, and inputs of Geometry Nodes modifiers by socket name, in Blender 5.0
+and in 5.2's new form."""
 
 from __future__ import annotations
 
 import bpy
 
+from ..names import own
+
 _places: dict[tuple[int, str], int] = {}
 """Where in its group's interface a socket was last: (the group's session uid, name) -> index."""
+
+
+def glass_modifier(obj: bpy.types.Object) -> bpy.types.NodesModifier | None:
+    """The object's ``Refractive Glass`` modifier, or None."""
+    for modifier in obj.modifiers:
+        if modifier.type == "NODES" and own(modifier.node_group, "glass"):
+            return modifier
+    return None
 
 
 def _socket(modifier: bpy.types.NodesModifier, name: str) -> bpy.types.NodeTreeInterfaceSocket:

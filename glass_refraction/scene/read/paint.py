@@ -12,6 +12,7 @@ import numpy as np
 from .glassy_materials import Interface, glassy_materials, interface_node, material_interface
 from .material_fields import Fields, NotReady, frame_of, maps_of, painted
 from .material_recipe import paint_of
+from .mesh_corners import Corners
 
 FINISH = 7
 """Numbers of what a surface is like in a place: roughness, and the parts of the light, red, green,
@@ -91,8 +92,7 @@ def _evaluated(source: np.ndarray | Fields, rows: np.ndarray) -> np.ndarray:
 def paint_on(
     obj: bpy.types.Object,
     depsgraph: bpy.types.Depsgraph,
-    points: np.ndarray,
-    normals: np.ndarray,
+    corners: Corners,
     to_world: np.ndarray,
     pixels: dict[tuple, int],
 ) -> Paint | None:
@@ -100,18 +100,19 @@ def paint_on(
 
     Parameters
     ----------
-    points, normals : (T, 3, 3), in its own frame.
+    corners : of its mesh.
     to_world : (4, 4).
     pixels : sums of images' pixels that are known already.
     """
-    materials = glassy_materials(obj)[:1]
+    materials = glassy_materials(obj)
     seen = [m.evaluated_get(depsgraph) for m in materials]
     recipes = [paint_of(material)[0] for material in seen]
-    if not any(recipes):
+    looks = {tuple(_plain(material_interface(material))) for material in seen}
+    if not any(recipes) and len(looks) < 2:
         return None
     names = sorted(set().union(*(recipe.coordinates for recipe in recipes if recipe)))
-    maps = maps_of(obj, points, names)
-    rows = np.concatenate((points, normals, *maps.values()), axis=2)
+    maps = maps_of(obj, corners, names)
+    rows = np.concatenate((corners.points, corners.normals, *maps.values()), axis=2)
     sources, roughness, digest = [], 0.0, hashlib.blake2b(rows[..., 6:].tobytes())
     for material, recipe in zip(seen, recipes, strict=True):
         plain, socket = _plain(material_interface(material)), interface_node(material).inputs
@@ -128,7 +129,11 @@ def paint_on(
             pixels[images] = painted(recipe)
         for part in (recipe.stamp(), pixels[images], fields.is_ready, place.tolist()):
             digest.update(repr(part).encode())
-    kind = np.zeros(len(points), np.intp)
+    # A glassy mesh is all glass where no other material says otherwise: by the first then.
+    slots = [slot.material for slot in obj.original.material_slots]
+    kinds = [materials.index(m) if m in materials else 0 for m in slots]
+    kind = np.array([*kinds, 0])[np.clip(corners.slots, 0, len(kinds))]
+    digest.update(kind.tobytes())
     return Paint(tuple(sources), kind, rows, float(roughness), digest.digest())
 
 
@@ -144,17 +149,3 @@ def _settled(fields: Fields, maps: int) -> np.ndarray | Fields:
         return _evaluated(fields, np.zeros((1, 6 + 2 * maps)))[0]
     except NotReady:
         return fields
-
-
-def lost_paint(obj: bpy.types.Object) -> list[str]:
-    """A line if nodes behind the colours or the roughness of an object's first glassy material
-    cannot be evaluated."""
-    material = next(iter(glassy_materials(obj)), None)
-    unknown = paint_of(material)[1]
-    if not unknown:
-        return []
-    nodes = ", ".join(dict.fromkeys(unknown.values()))
-    return [
-        f'Glass "{obj.name}" is seen without what its material "{material.name}" has as '
-        f"{', '.join(unknown)}: {nodes} is not known where rays go; the input's own value counts"
-    ]

@@ -13,8 +13,8 @@ import numpy as np
 from ..names import own
 from .animation import may_change
 from .arrays import affine, positions
-from .glasses import Glass, glass_modifier
-from .modifier_inputs import read_input
+from .glasses import Glass
+from .modifier_inputs import glass_modifier, read_input
 from .visibility import rendered_objects
 
 # Object Info hands these on as meshes; the others are converted to meshes first.

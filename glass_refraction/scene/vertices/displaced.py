@@ -39,16 +39,9 @@ from ..build.texture_coordinates import coordinates, dress, dressed_coordinates,
 from ..memory import Status, counters, forget, memory_of
 from ..names import RefractiveGlassError
 from ..plan import GlassPlan, Pane, Plan
-from ..read.glasses import (
-    NAMED_SHAPES,
-    Glass,
-    glass_modifier,
-    is_shown,
-    may_disperse,
-    read_glass,
-)
+from ..read.glasses import NAMED_SHAPES, Glass, is_shown, may_disperse, read_glass
 from ..read.mesh_arrays import read_source_mesh
-from ..read.modifier_inputs import read_input
+from ..read.modifier_inputs import glass_modifier, read_input
 from ..read.sources import (
     Snapshot,
     is_carried,

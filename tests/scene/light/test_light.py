@@ -18,8 +18,7 @@ from glass_refraction.scene.memory import counters
 from glass_refraction.scene.rays import frame as frames
 from glass_refraction.scene.rays import true
 from glass_refraction.scene.rays.views import RadianceView
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 
 TINT = np.array([0.9, 0.5, 0.2])

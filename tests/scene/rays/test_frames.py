@@ -15,8 +15,8 @@ from glass_refraction.scene.names import TAG
 from glass_refraction.scene.rays import true
 from glass_refraction.scene.rays.looks import look_of
 from glass_refraction.scene.rays.things import read_things
-from glass_refraction.scene.read.glasses import glass_modifier, glass_objects
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.glasses import glass_objects
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 
 ENGINES = ("CYCLES", "BLENDER_EEVEE", "BLENDER_WORKBENCH")

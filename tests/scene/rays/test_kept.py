@@ -14,8 +14,7 @@ from glass_refraction.scene.rays import edges, exits, follow, hits, sketches, tr
 from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.moved import Boxes, Known
 from glass_refraction.scene.rays.things import Things
-from glass_refraction.scene.read.glasses import glass_modifier
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.scene.read.viewpoint import read_viewpoint
 
 

@@ -18,9 +18,9 @@ from glass_refraction.scene.rays.hits import Ways
 from glass_refraction.scene.rays.looks import Look
 from glass_refraction.scene.rays.shutter import Moment, Shutter, put_back
 from glass_refraction.scene.rays.things import Met, Things
-from glass_refraction.scene.read.glasses import Glass, glass_modifier
+from glass_refraction.scene.read.glasses import Glass
 from glass_refraction.scene.read.mesh_glasses import MeshGlass
-from glass_refraction.scene.read.modifier_inputs import write_input
+from glass_refraction.scene.read.modifier_inputs import glass_modifier, write_input
 from glass_refraction.scene.read.viewpoint import Viewpoint
 
 SIZE = (64, 48)
