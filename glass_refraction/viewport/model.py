@@ -13,10 +13,11 @@ from ..optics.axial import BoundedGlass
 from ..scene.names import RefractiveGlassError, own
 from ..scene.read.glasses import as_body, glass_objects, is_mesh_glass, named_glasses, read_glass
 from ..scene.read.glassy_materials import opaque_bits
+from ..scene.read.mesh_glasses import placed_opaque
 from ..scene.read.modifier_inputs import glass_modifier
 from ..scene.read.sources import source_objects
 from ..scene.read.viewpoint import Viewpoint
-from .capture import Box, box_of
+from .capture import Box, box_of, framed
 from .description import Frame, Posed, TooMuch, common_frame, pack
 from .eye import CAPTURES
 from .mesh_glasses import MeshGlasses
@@ -166,6 +167,10 @@ class Model:
                 if holds(obj):
                     kept.add(uid)
             box = box_of(obj, layer.depsgraph)
+            if box is not None and is_mesh_glass(obj):
+                evaluated = obj.evaluated_get(layer.depsgraph)
+                place, bits = np.array(evaluated.matrix_world), opaque_bits(glass_modifier(obj))
+                box = framed(box, placed_opaque(evaluated, place, bits))
             if box is not None:
                 self._boxes[uid] = box
             for key in [k for k in self._units if k[1] == uid]:

@@ -128,6 +128,35 @@ def test_a_capture_stands_in_the_glass_and_out_of_the_way_of_things():
     assert box.corners == pytest.approx(middle + 0.02 * np.sign(box.corners - middle), abs=1e-12)
 
 
+def test_a_capture_stands_in_a_pane_and_not_in_the_bar_between_two():
+    """It stood in the bar, which hid what the panes mirror."""
+    one = glass()
+    middle = one.middle()
+    box = box_at(middle, (0.05, 0.05, 0.05))
+    square = 0.1 * np.array(((0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)))
+    sides = [middle + square + (x, 0.0, 0.0) for x in (-0.004, 0.004)]
+    faces = np.array([side[list(three)] for side in sides for three in ((0, 1, 2), (0, 2, 3))])
+    framed = capture.framed(box, faces)
+    assert box.distance(middle[None])[0] < 0.0
+    found = capture.centre_of(one, [framed], middle)
+    assert np.abs(found - middle)[0] > 0.01
+    assert capture.framed(box, faces[:0]) is box
+
+
+def test_the_distance_to_faces_is_that_to_their_nearest_point():
+    rng = np.random.default_rng(6)
+    faces = rng.uniform(-1.0, 1.0, (5, 3, 3))
+    framed = capture.framed(box_at(np.zeros(3), np.ones(3)), faces)
+    places = rng.uniform(-1.5, 1.5, (40, 3))
+    shares = rng.dirichlet(np.ones(3), 60_000)
+    for place, found in zip(places, framed.distance(places), strict=True):
+        edges = np.linspace(0.0, 1.0, 2001)[:, None]
+        points = [shares @ face for face in faces]
+        points += [a + edges * (b - a) for f in faces for a, b in zip(f, f[[1, 2, 0]], strict=True)]
+        points = np.concatenate(points)
+        assert found == pytest.approx(np.linalg.norm(points - place, axis=1).min(), abs=4e-3)
+
+
 def box_at(place, half):
     to_box = np.eye(4)
     to_box[:3, 3] = -np.asarray(place)
