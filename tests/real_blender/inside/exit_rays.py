@@ -114,7 +114,8 @@ def flat(points):
 
 
 def meshes(optics):
-    """Name: list of (points, normals, ior, priority) or (closed form, priority), in metres."""
+    """Name: list of (points, normals, ior, priority, perhaps its finish) or (closed form,
+    priority), in metres."""
     round_, normals = ball(24, 48)
     tall = round_ * (0.02, 0.02, 0.05)
     squeezed = normals / (0.02, 0.02, 0.05)
@@ -122,6 +123,7 @@ def meshes(optics):
     solid = flat(ball(3, 5, 0.04)[0])
     return {
         "smooth": [(0.04 * round_, normals, 1.5, 0)],
+        "painted": [(0.04 * round_, normals, 1.5, 0, colours(round_))],
         "faceted": [(*solid, 1.6, 0)],
         "overlap": [(0.04 * round_, normals, 1.5, 0), (tall, squeezed, 1.333, 1)],
         "inside": [(tall, squeezed, 1.333, 1), (optics.SphereGlass((0.06,), (1.5,)), 0)],
@@ -129,20 +131,32 @@ def meshes(optics):
     }
 
 
+def colours(points):
+    """A finish that differs from corner to corner (T, 3, 3), see `Paint.at`."""
+    finish = np.zeros((*points.shape[:2], 7))
+    finish[..., 1:4] = 0.2 + 0.8 * points**2
+    # As many steps as the shader has of these.
+    finish[..., 4:] = np.round(255.0 * (0.3 + 0.7 * np.abs(points))) / 255.0
+    return finish
+
+
 def meeting(parts):
-    """The callback ``meet`` of ``optics.exit_rays`` for meshes (number, points, normals)."""
+    """The callback ``meet`` of ``optics.exit_rays`` for (number, points, normals, finish) each."""
     trees = [
         BVHTree.FromPolygons(
             points.reshape(-1, 3).tolist(), np.arange(3 * len(points)).reshape(-1, 3).tolist()
         )
-        for _, points, _ in parts
+        for _, points, _, _ in parts
     ]
 
     def meet(origins, directions):
         shape = (len(parts), len(origins))
         glass, way = np.full(shape, -1), np.full(shape, np.inf)
         true, smooth = np.zeros((2, *shape, 3))
-        for row, ((number, points, normals), tree) in enumerate(zip(parts, trees, strict=True)):
+        finish = np.ones((*shape, 7))
+        finish[..., 0] = 0.0
+        for row, (part, tree) in enumerate(zip(parts, trees, strict=True)):
+            number, points, normals, painted = part
             rays = zip(origins.tolist(), directions.tolist(), strict=True)
             faces = [tree.ray_cast(*ray)[2] for ray in rays]
             (met,) = np.nonzero([face is not None for face in faces])
@@ -157,7 +171,9 @@ def meeting(parts):
             glass[row, met], way[row, met] = number, t
             true[row, met] = np.cross(sides[:, 0], sides[:, 1])
             smooth[row, met] = np.einsum("ck,kcx->kx", (1.0 - u - v, u, v), normals[face])
-        return glass, way, true, smooth
+            if painted is not None:
+                finish[row, met] = np.einsum("ck,kcx->kx", (1.0 - u - v, u, v), painted[face])
+        return glass, way, true, smooth, finish
 
     return meet
 
@@ -171,15 +187,17 @@ def compare_meshes(optics, description, trees, paint, scene, seed):
             posed.append(description.Posed(body, np.eye(4), priority=one[1]))
             placed.append(optics.PlacedGlass(body, np.eye(4), priority=one[1]))
             continue
-        points, normals, ior, priority = one
-        form = trees.shaped(points, normals, np.eye(3))
-        *_, tree = trees.grow(form.points, form.normals)
+        points, normals, ior, priority, *finish = one
+        finish = finish[0] if finish else None
+        form = trees.shaped(points, normals, np.eye(3), finish=finish)
+        *_, tree = trees.grow(form.points, form.normals, finish=form.finish)
         pose = np.eye(4)
         pose[:3, 3] = form.middle
         body = trees.MeshBody(tree, ior, form.scale, form.half)
         posed.append(description.Posed(body, pose, priority=priority))
-        placed.append(optics.PlacedMesh(ior, priority=priority))
-        parts.append((number, points, normals))
+        is_painted = finish is not None
+        placed.append(optics.PlacedMesh(ior, priority=priority, is_painted=is_painted))
+        parts.append((number, points, normals, finish))
     return differences(
         optics, description, paint, posed, placed, seed, MESH_ROWS, meet=meeting(parts)
     )
@@ -225,6 +243,7 @@ def differences(optics, description, paint, posed, placed, seed, rows, meet=None
     # The way of the shader that is nearest: in direction, and in weight where directions agree.
     off = np.linalg.norm(alongs[:, ray, :3] - direction, axis=2)
     change = np.abs(places[:, ray, 3] - weight)
+    dimmed = np.abs(alongs[:, ray, 3] - np.exp(-ends.depth[met, 1]))
     missing = places[:, ray, 3] == 0.0
     apart = np.where(missing, 9.0, off + change)
     best = apart.argmin(axis=0)
@@ -241,6 +260,7 @@ def differences(optics, description, paint, posed, placed, seed, rows, meet=None
         "light_off": float(weight[angle > 1e-4].sum() / weight.sum()),
         "median": float(np.median(angle)),
         "weight_off": float((change[best, each] > 1e-3)[angle <= 1e-4].mean()),
+        "dimmed_off": float((dimmed[best, each] > 1e-3)[angle <= 1e-4].mean()),
         "shift_off": float((across > 1e-4)[angle <= 1e-4].mean()),
         "seconds": seconds,
     }

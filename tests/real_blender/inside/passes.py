@@ -16,22 +16,23 @@ EXITS = """
 vec4 exit_places[AT_ONCE];
 vec4 exit_alongs[AT_ONCE];
 
-void darken(vec3 p, vec3 d, float part, int number)
+void note(vec3 p, vec3 d, float part, float green, int number)
 {
   for (int k = 0; k < AT_ONCE; k++) {
     if (number == wanted + k) {
       exit_places[k] = vec4(p, part);
-      exit_alongs[k] = vec4(d, 0.0);
+      exit_alongs[k] = vec4(d, green);
     }
   }
 }
 
+void darken(vec3 p, vec3 d, float part, int number) { note(p, d, part, 0.0, number); }
 void lose(vec4 light) {}
 bool covered(vec3 p) { return false; }
 bool ends(vec3 p, vec3 d, vec4 light, int g, vec3 taken, bool boxed, float way, int number)
 {
   if (way >= NOWHERE) {
-    darken(p, d, light.w, number);
+    note(p, d, light.w, light.g, number);
   }
   return way >= NOWHERE;
 }
@@ -89,7 +90,7 @@ def exit_rays(
     Returns
     -------
     places, alongs : (ways, rows, columns, 4): origin and part of the light, which is 0 where the
-        ray has no such way; direction.
+        ray has no such way; direction, and what of green light gets through.
     """
     rows, columns, _ = origins.shape
     size = (columns, rows)
