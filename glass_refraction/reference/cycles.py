@@ -19,6 +19,7 @@ from ..scene.build.mirrored import INPUT as MIRROR
 from ..scene.build.shaders import math_node, met_where, new_surface
 from ..scene.names import REFERENCE, TAG, RefractiveGlassError, own
 from ..scene.rays.looks import look_of
+from ..scene.read.arrays import write_attribute
 from ..scene.read.glasses import Glass, read_glasses
 from ..scene.read.glassy_materials import (
     CLEAR,
@@ -31,6 +32,7 @@ from ..scene.read.glassy_materials import (
 from ..scene.read.light_linking import lights_any
 from ..scene.read.material_recipe import recipes_of
 from ..scene.read.modifier_inputs import glass_modifier, read_input, write_input
+from ..scene.read.paint import FINISH
 from ..scene.read.viewpoint import clamp_settings, samples_setting
 from .interfaces import Interfaces, interfaces, near_shells, overlapping
 from .picture import Request, finished, rendering_picture
@@ -40,6 +42,10 @@ from .picture import Request, finished, rendering_picture
 _BOUNCES = 256
 LOOKS = "refracted", "reflected", "roughness"
 """What the inputs of `PAINTED` are, in their order."""
+FINISH_ATTRIBUTE = "rg_{}"
+"""Attribute of the corners of painted surfaces, of each of these."""
+BY_CORNERS = None, None, None
+"""Roughness and colours of a kind of surface that its corners tell of."""
 
 
 @dataclass
@@ -67,7 +73,8 @@ class _Style:
             if like is None:
                 material = bpy.data.materials.new(f"{self.surface.title()} {kind[0]:g} {REFERENCE}")
                 material.node_tree.nodes.clear()
-                ends = {}
+                is_painted = kind[3:] == BY_CORNERS
+                ends = _attribute_sockets(material.node_tree) if is_painted else {}
             else:
                 material = like.copy()
                 ends = _texture_sockets(material)
@@ -437,6 +444,7 @@ def _object_of(
     style.temporary.callback(bpy.data.meshes.remove, mesh)
     mesh[TAG] = REFERENCE
     fill_mesh(mesh, surfaces)
+    _write_finish(mesh, surfaces)
     slots = list(dict.fromkeys(kinds))
     for kind in slots:
         mesh.materials.append(style.material(kind))
@@ -446,6 +454,27 @@ def _object_of(
     style.temporary.callback(bpy.data.objects.remove, obj)
     obj[TAG] = REFERENCE
     return obj
+
+
+def _write_finish(mesh: bpy.types.Mesh, surfaces: Sequence[Surface]) -> None:
+    """Have the corners of painted surfaces know what they are like, see `_attribute_sockets`."""
+    if all(surface.finish is None for surface in surfaces):
+        return
+    plain = (np.ones((len(s.corners), FINISH)) if s.finish is None else s.finish for s in surfaces)
+    finish = np.concatenate(list(plain))
+    for name, part in zip(LOOKS, (finish[:, 1:4], finish[:, 4:], finish[:, :1]), strict=True):
+        kind = "FLOAT" if part.shape[1] == 1 else "FLOAT_VECTOR"
+        write_attribute(mesh, FINISH_ATTRIBUTE.format(name), part, kind, "CORNER")
+
+
+def _attribute_sockets(tree: bpy.types.NodeTree) -> dict[str, bpy.types.NodeSocket]:
+    """What the corners of painted surfaces know, as `_texture_sockets`."""
+    found = {}
+    for name in LOOKS:
+        node = tree.nodes.new("ShaderNodeAttribute")
+        node.attribute_name = FINISH_ATTRIBUTE.format(name)
+        found[name] = node.outputs["Fac" if name == "roughness" else "Color"]
+    return found
 
 
 def _shrunk(mesh: bpy.types.Mesh) -> Matrix:
@@ -460,7 +489,8 @@ def _kind(glass: Glass, surface: Surface) -> tuple:
     sides = (None, None)
     if glass.is_tinted:
         sides = [glass.absorption[medium] for medium in surface.media]
-    return (surface.ior_inside / surface.ior_outside, *sides, *surface_look(glass))
+    look = surface_look(glass) if surface.finish is None else BY_CORNERS
+    return (surface.ior_inside / surface.ior_outside, *sides, *look)
 
 
 def _texture_sockets(material: bpy.types.Material) -> dict[str, bpy.types.NodeSocket]:
@@ -495,9 +525,9 @@ def _become_glass(
     eta: float,
     before: tuple | None,
     behind: tuple | None,
-    roughness: float = 0.0,
-    colour: tuple[float, float, float] = CLEAR,
-    mirrored: tuple[float, float, float] = CLEAR,
+    roughness: float | None = 0.0,
+    colour: tuple[float, float, float] | None = CLEAR,
+    mirrored: tuple[float, float, float] | None = CLEAR,
 ) -> None:
     """Have a material's tree be of a clear one whose back is ``eta`` times as dense as its front.
 

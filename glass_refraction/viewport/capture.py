@@ -60,8 +60,6 @@ BLOCKED = 0.2
 
 KEPT = 0.2
 """Of a glass's reach: a centre that much better is worth all faces anew."""
-ROOMY = 0.5
-"""Of the room at the best place: where there is less, a thing hides much."""
 LEAST_HALF = 1e-6
 """Metres: flat things have a box too."""
 
@@ -568,11 +566,11 @@ def centre_of(glass: Posed, boxes: list[Box], last: np.ndarray) -> np.ndarray:
     """
     places = np.concatenate((last[None], _places(glass)))
     away = np.linalg.norm(places - glass.middle(), axis=1)
-    room = _room(glass, boxes, places)
-    score = room - MIDDLE * away
+    room, reach = _room(glass, boxes, places), glass.reach()
+    # What is nearer than that is not drawn: from there one sees into things.
+    score = room - MIDDLE * away - np.where(room < NEAR * reach, reach, 0.0)
     best = int(np.argmax(score))
-    is_as_good = score[best] - score[0] < KEPT * glass.reach() and room[0] >= ROOMY * room[best]
-    return places[0 if is_as_good else best]
+    return places[0 if score[best] - score[0] < KEPT * reach else best]
 
 
 def second_centre_of(glass: Posed, boxes: list[Box], first: np.ndarray) -> np.ndarray | None:

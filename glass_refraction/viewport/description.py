@@ -271,7 +271,7 @@ def _mesh_table(body: MeshBody, starts: dict[int, int]) -> _Table:
     rows[0] = MESH, 0, SOLID, 0.0
     paint = start + body.tree.paint if body.tree.paint else 0
     rows[1] = start, body.tree.leaves, start + body.tree.triangles, paint
-    rows[2, :3] = body.refracted
+    rows[2] = *body.refracted, body.roughness
     return _Table(rows, 1, ())
 
 

@@ -114,6 +114,7 @@ class MeshGlasses:
                 tuple(size * half for half in form.half),
                 seen.description.refracted,
                 seen.description.reflected,
+                tree.roughness if tree.paint else seen.description.roughness,
             )
             for seen in (glass, *glass.bands())
         ]

@@ -23,6 +23,7 @@ from .eye import CAPTURES
 from .mesh_glasses import MeshGlasses
 from .news import News
 from .places import Place, places, profiles
+from .trees import MeshBody
 
 NEVER_SEEN = {"CAMERA", "LIGHT", "LIGHT_PROBE", "SPEAKER", "ARMATURE", "LATTICE"}
 """Kinds of objects that are neither glasses nor seen through one."""
@@ -84,6 +85,11 @@ class Model:
     def is_shown(self) -> bool:
         """Whether there is any glass, be it clear."""
         return bool(self.glasses or self.clear)
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether any glass is."""
+        return any(isinstance(g.body, MeshBody) and g.body.roughness > 0.0 for g in self.glasses)
 
     @property
     def boxes(self) -> list[Box]:

@@ -452,6 +452,7 @@ class Painter:
 
     def sample(
         self,
+        number: int,
         jitter: tuple[float, float],
         way: Way,
         captures: tuple,
@@ -463,6 +464,7 @@ class Painter:
 
         Parameters
         ----------
+        number : of the sample, among those of a pixel.
         captures : the textures of all captures, see `capture.Captures.textures`.
         pixels : about how many to draw now; the next call goes on. None: all.
         each_colour : follow red, green and blue light each on its own, if that differs.
@@ -499,7 +501,7 @@ class Painter:
             shader.uniform_sampler("tile_tx", self.direct.tiles)
             shader.uniform_sampler("capture_tx", captures[0])
             shader.uniform_sampler("reach_tx", captures[1])
-            shader.uniform_float("jitter", (*jitter, layer.divisor, 0.0))
+            shader.uniform_float("jitter", (*jitter, layer.divisor, float(number)))
             is_listed = layer.listed is not None
             shader.uniform_sampler("list_tx", layer.listed if is_listed else self._no_list)
             shader.uniform_sampler("known_tx", self._of.colour if is_listed else self._no_layer)

@@ -24,10 +24,10 @@ of the boxes: its origin, and steps for a unit along each axis."""
 TRIANGLE_TEXELS = 6
 """Of a triangle: a corner and the edges from it to the others; the normals of the corners. Their
 fourth numbers are the corners' normals for rays from within, two each, see `_flattened`."""
-PAINT_TEXELS = 3
+PAINT_TEXELS = 4
 """Of a triangle of a painted mesh, behind all triangles: the parts of light that get through where
-it is refracted, at each corner. Their fourth numbers are those where it is reflected, see
-`_in_one`."""
+it is refracted, at each corner, and the corners' roughness. The fourth numbers are the parts where
+it is reflected, see `_in_one`."""
 ROW_BITS = 12
 """The texture is 2 to this power texels wide."""
 MOST_TRIANGLES = 300_000
@@ -70,7 +70,7 @@ class Tree:
     count : of the triangles. order : (`LEAF` · leaves,) numbers of their pieces, leaf by leaf; -1:
         none is there. leaves : how many, a power of two.
     texels : (K, 4) float32: what the shader reads, nodes first. triangles, paint : its rows where
-        these begin, 0: it is not painted.
+        these begin, 0: it is not painted. roughness : of its roughest corner, if it is painted.
     """
 
     def __init__(
@@ -87,6 +87,7 @@ class Tree:
         self.triangles = NODE_TEXELS * self.leaves
         end = self.triangles + TRIANGLE_TEXELS * len(order)
         self.paint = 0 if finish is None else end
+        self.roughness = 0.0 if finish is None else float(finish[..., 0].max())
         used = end if finish is None else end + PAINT_TEXELS * len(order)
         self.texels = np.zeros((used, 4), np.float32)
         within = None if within is None else pieces.of(within)
@@ -95,7 +96,8 @@ class Tree:
             slots = np.flatnonzero(order >= 0)
             rows = self.texels[end:].reshape(-1, PAINT_TEXELS, 4)
             finish = pieces.of(finish)[order[slots]]
-            rows[slots, :, :3], rows[slots, :, 3] = finish[..., 1:4], _in_one(finish[..., 4:])
+            rows[slots, :3, :3], rows[slots, :3, 3] = finish[..., 1:4], _in_one(finish[..., 4:])
+            rows[slots, 3, :3] = finish[..., 0]
 
     def refitted(self, points: np.ndarray, normals: np.ndarray) -> Tree:
         """The tree of as many triangles (T, 3, 3) in other places, in the same order."""
@@ -293,6 +295,7 @@ class MeshBody(BoundedGlass):
     half : (3,) half the sides of its box, metres.
     refracted, reflected : parts of the light, red, green, blue, that get through where it is
         refracted and reflected, beside Fresnel's law.
+    roughness : of its surface; of a painted one 0 only if it is smooth everywhere.
     """
 
     tree: Tree
@@ -301,6 +304,7 @@ class MeshBody(BoundedGlass):
     half: tuple[float, float, float]
     refracted: tuple[float, float, float] = (1.0, 1.0, 1.0)
     reflected: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    roughness: float = 0.0
 
     @property
     def scale(self) -> float:

@@ -63,6 +63,8 @@ PLAYING_SECONDS = 0.5
 ROUNDS = (3, 3)
 """Further samples of a pixel, at rest: of those at edges, then of those of them whose samples
 differ. With two in the first round thin edges were missed."""
+ROUGH_ROUNDS = (7, 14)
+"""Where a glass is rough there are more: each sample meets other facets."""
 PLACES = np.array(((0, 0), (1, 3), (2, -1), (-3, -2), (-1, -3), (-2, 1), (3, 2))) / 7.0
 """Of a pixel's samples, from its middle, in pixels: no two share a row or a column. After each
 round their mean is the middle."""
@@ -187,6 +189,11 @@ class _View:
         if done < total:
             return f"Surroundings of the glasses: {done} of {total}"
         return UNREFINED if self.is_threaded and self.is_early else ""
+
+    @property
+    def rounds(self) -> tuple[int, ...]:
+        """Further samples of a pixel, at rest."""
+        return ROUNDS + ROUGH_ROUNDS if self.model.is_rough else ROUNDS
 
 
 _shown: set[int] = set()
@@ -553,8 +560,9 @@ def _sample(
 
     painter = view.painter
     way = Way(settings.min_weight, ways, settings.surface == "GLASS", view.backdrop, view.is_open)
-    before = 1 + sum(ROUNDS[: view.round]) if edges else 0
-    jitter = _jitter(before + painter.samples)
+    before = 1 + sum(view.rounds[: view.round]) if edges else 0
+    number = before + painter.samples
+    jitter = _jitter(number)
     pixels = None
     if seconds is not None:
         most = seconds * view.slowest[edges] or STRIP_PIXELS
@@ -562,6 +570,7 @@ def _sample(
     displaced = _draw_displaced(view, jitter)
     began, mine = time.perf_counter(), time.thread_time()
     drawn = painter.sample(
+        number,
         jitter,
         way,
         view.captures.textures,
@@ -599,7 +608,7 @@ def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | Non
 
 def _jitter(number: int) -> tuple[float, float]:
     """Place of a sample from the pixel's middle, pixels."""
-    x, y = PLACES[number]
+    x, y = PLACES[number % len(PLACES)]
     return (float(x), float(y))
 
 
@@ -841,10 +850,14 @@ def _add_samples(view: _View, region, settings) -> None:
                     _show_own(view, region)
         else:
             _sample(view, settings, WAYS_MORE, SLICE_SECONDS, edges=True)
-            if painter.is_whole and painter.samples >= ROUNDS[view.round]:
+            if painter.is_whole and painter.samples >= view.rounds[view.round]:
                 painter.add(LISTED_LAYER)
                 view.round += 1
-                view.final = view.round == len(ROUNDS) or not painter.begin_spread(LISTED_LAYER)
+                is_last = view.round == len(view.rounds)
+                view.final = is_last or not painter.begin_spread(LISTED_LAYER)
+                if not view.final and view.round >= len(ROUNDS):
+                    # Grain takes long: what there is of it is shown.
+                    _show_own(view, region)
     if view.final:
         counters["rests"] += 1
         _show_own(view, region)

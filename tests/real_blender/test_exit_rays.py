@@ -83,6 +83,14 @@ def test_exit_rays_of_meshes_are_those_of_optics(found, scene):
     assert result["ways_of_shader"] <= 1.02 * result["ways"]
 
 
+@pytest.mark.parametrize("roughness", ["0.1", "0.3"])
+def test_rough_meshes_spread_light_as_in_optics(found, roughness):
+    """They were drawn smooth."""
+    shader, exact = found["rough"][roughness]
+    assert exact > 1e-4
+    assert shader == pytest.approx(exact, rel=0.05)
+
+
 @pytest.mark.parametrize("degrees", [3, 12, 27, 45, 63, 78, 87])
 def test_edges_of_things_run_straighter_than_pixels(found, degrees):
     """Held against the corners of single pixels; nine of them cannot tell of the longest stairs."""

@@ -134,7 +134,7 @@ def test_a_capture_stands_in_a_pane_and_not_in_the_bar_between_two():
     middle = one.middle()
     box = box_at(middle, (0.05, 0.05, 0.05))
     square = 0.1 * np.array(((0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)))
-    sides = [middle + square + (x, 0.0, 0.0) for x in (-0.004, 0.004)]
+    sides = [middle + square + (x, 0.0, 0.0) for x in (-0.001, 0.001)]
     faces = np.array([side[list(three)] for side in sides for three in ((0, 1, 2), (0, 2, 3))])
     framed = capture.framed(box, faces)
     assert box.distance(middle[None])[0] < 0.0

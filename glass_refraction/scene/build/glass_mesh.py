@@ -48,6 +48,7 @@ class Surface:
     ior_inside, ior_outside : the media behind the surface and on the side of its normals.
     media : numbers of the media on the side of its normals and behind it, in the description of
         the one glass that it is of.
+    finish : (C, 7) what a painted surface is like at each corner, see `Paint.at`; None: it is not.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Surface:
     ior_inside: float
     ior_outside: float
     media: tuple[int, int] | None = None
+    finish: np.ndarray | None = None
 
     def moved(self, matrix: np.ndarray) -> Surface:
         """The same interface moved by a matrix (4, 4) that has an inverse."""
@@ -72,6 +74,7 @@ class Surface:
             corners=self.corners[turn],
             sizes=self.sizes[turn],
             normals=normals[turn],
+            finish=None if self.finish is None else self.finish[turn],
         )
 
     def flipped(self) -> Surface:
@@ -84,6 +87,7 @@ class Surface:
             ior_inside=self.ior_outside,
             ior_outside=self.ior_inside,
             media=self.media and self.media[::-1],
+            finish=None if self.finish is None else self.finish[::-1],
         )
 
 
@@ -130,7 +134,9 @@ def _surfaces(glass, segments: int | None, reach: float) -> tuple[Surface, ...]:
 
 @_surfaces.register
 def _(glass: MeshGlass, _segments: int | None, _reach: float) -> tuple[Surface, ...]:
-    count = len(glass.points)
+    count, finish = len(glass.points), None
+    if glass.paint is not None:
+        finish = glass.paint.at(np.repeat(np.arange(count), 3), np.tile(np.eye(3), (count, 1)))
     surface = Surface(
         name="mesh",
         vertices=glass.points.reshape(-1, 3),
@@ -140,6 +146,7 @@ def _(glass: MeshGlass, _segments: int | None, _reach: float) -> tuple[Surface, 
         ior_inside=glass.ior,
         ior_outside=1.0,
         media=(0, 1),
+        finish=finish,
     )
     return (surface,)
 

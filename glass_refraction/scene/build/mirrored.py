@@ -183,20 +183,31 @@ def _filling(glass: Glass | None, to_local: np.ndarray | None, through: bool) ->
     faces, media = [len(surface.sizes) for surface in surfaces], glass.description.media
     tints = np.array(glass.absorption if glass.is_tinted else ((0.0,) * 3,) * len(media))
     before, behind = (tints[[s.media[side] for s in surfaces]] for side in (0, 1))
-    roughness, colour, _ = surface_look(glass)
+    looks = np.concatenate([_looks(glass, surface) for surface in surfaces])
     eta = np.array([surface.ior_inside / surface.ior_outside for surface in surfaces])
     attributes = (
         (_ETA, "FLOAT", "value", eta),
-        (_ROUGHNESS, "FLOAT", "value", np.full(len(faces), roughness)),
         (_THROUGH, "FLOAT", "value", np.full(len(faces), float(through))),
-        (_COLOUR, "FLOAT_VECTOR", "vector", np.tile(colour, (len(faces), 1))),
         (_BEFORE, "FLOAT_VECTOR", "vector", before),
         (_BEHIND, "FLOAT_VECTOR", "vector", behind),
     )
     return _Filling(
         [surface.moved(matrix) for surface in surfaces],
-        [(*where, np.repeat(values, faces, axis=0)) for *where, values in attributes],
+        [
+            (_ROUGHNESS, "FLOAT", "value", looks[:, 0]),
+            (_COLOUR, "FLOAT_VECTOR", "vector", looks[:, 1:]),
+            *((*where, np.repeat(values, faces, axis=0)) for *where, values in attributes),
+        ],
     )
+
+
+def _looks(glass: Glass, surface: Surface) -> np.ndarray:
+    """(F, 4) roughness and colour of each face of a glass's surface."""
+    if surface.finish is None:
+        roughness, colour, _ = surface_look(glass)
+        return np.tile((roughness, *colour), (len(surface.sizes), 1))
+    begins = np.cumsum(surface.sizes) - surface.sizes
+    return np.add.reduceat(surface.finish[:, :4], begins) / surface.sizes[:, None]
 
 
 def _fill(mesh: bpy.types.Mesh, filling: _Filling) -> None:

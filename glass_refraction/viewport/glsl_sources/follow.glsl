@@ -168,6 +168,10 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
 #ifdef MESHES
       if (is_mesh) {
         n = bent(n, flat_, d);
+        float rough = roughness_at(met, spot);
+        if (rough > 0.0) {
+          n = bent(facet(n, d, rough * rough, events), flat_, d);
+        }
       }
 #endif
       float cosine = clamp(-dot(n, d), 0.0, 1.0), behind;
@@ -189,7 +193,7 @@ float follow(vec3 place, vec3 along, ivec4 start, float least, int most, bool sp
 #ifdef MESHES
       if (is_mesh) {
         vec3 through = row(met + 2).rgb, off = row(10 + GLASS_ROWS * hit).yzw;
-        paint_at(met, spot, through, off);
+        colours_at(met, spot, through, off);
         light.rgb *= through;
         other.rgb *= off;
       }

@@ -12,5 +12,6 @@ void darken(vec3 p, vec3 d, float part, int number);
 void lose(vec4 light);
 bool covered(vec3 p);
 bool touches(vec3 p, vec3 d, vec4 light, int g, int number);
-/* The pixel of the picture that a sample is of. */
+/* The pixel of the picture that a sample is of, and its number among the pixel's. */
 ivec2 sampled = ivec2(0);
+int sample_number = 0;

@@ -174,17 +174,38 @@ vec3 unpacked(float number)
   return mod(floor(number / vec3(65536.0, 256.0, 1.0)), 256.0) / 255.0;
 }
 
-/* What a mesh lets through at a place where it refracts and where it reflects, if it is painted. */
-void paint_at(int at, vec3 spot, inout vec3 through, inout vec3 off)
+/* The first texel of a mesh's paint where a ray meets it, 0 if it is not painted; and the shares of
+ * the corners there. */
+int paint_at(int at, vec3 spot, out vec3 shares)
 {
   vec4 mesh = row(at + 1);
-  if (mesh.w > 0.0) {
-    int k = int(mesh.w) + PAINT_TEXELS * ((int(spot.x) - int(mesh.z)) / TRIANGLE_TEXELS);
+  shares = vec3(1.0 - spot.y - spot.z, spot.yz);
+  int number = (int(spot.x) - int(mesh.z)) / TRIANGLE_TEXELS;
+  return mesh.w > 0.0 ? int(mesh.w) + PAINT_TEXELS * number : 0;
+}
+
+/* What a mesh lets through at a place where it refracts and where it reflects, if it is painted. */
+void colours_at(int at, vec3 spot, inout vec3 through, inout vec3 off)
+{
+  vec3 shares;
+  int k = paint_at(at, spot, shares);
+  if (k > 0) {
     vec4 first = texel(k), second = texel(k + 1), third = texel(k + 2);
-    vec3 shares = vec3(1.0 - spot.y - spot.z, spot.yz);
     through = mat3(first.rgb, second.rgb, third.rgb) * shares;
     off = mat3(unpacked(first.w), unpacked(second.w), unpacked(third.w)) * shares;
   }
+}
+
+/* Roughness of a mesh at a place. */
+float roughness_at(int at, vec3 spot)
+{
+  float most = row(at + 2).w;
+  if (most == 0.0) {
+    return 0.0;
+  }
+  vec3 shares;
+  int k = paint_at(at, spot, shares);
+  return k > 0 ? dot(texel(k + 3).xyz, shares) : most;
 }
 #endif
 

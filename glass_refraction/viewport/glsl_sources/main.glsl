@@ -30,6 +30,7 @@ void main()
     }
   }
   sampled = ivec2(at);
+  sample_number = int(jitter.w);
   vec2 pixel = (at + jitter.xy) * jitter.z;
   vec3 p = view.plane.xyz + pixel.x * view.right.xyz + pixel.y * view.up.xyz;
   bool parallel = view.eye.w < 0.5;

@@ -203,6 +203,56 @@ def compare_meshes(optics, description, trees, paint, scene, seed):
     )
 
 
+ROUGH = (0.1, 0.3)
+
+
+def compare_rough(optics, description, trees, paint):
+    """By roughness: mean square of the sine by which a pane turns light that it lets through, as
+    shader and NumPy find it. Each pixel's sample has facets of its own."""
+    found = {}
+    corners = 0.5 * np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+    corners *= (1.0, 1.0, 0.1)
+    quads = (0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)
+    points, normals = flat(
+        np.array([corners[[q[0], q[k], q[k + 1]]] for q in quads for k in (1, 2)])
+    )
+    form = trees.shaped(points, normals, np.eye(3))
+    *_, tree = trees.grow(form.points, form.normals)
+    origins = np.zeros((MESH_ROWS, COLUMNS, 3))
+    origins[..., :2] = np.random.default_rng(8).uniform(-0.2, 0.2, (MESH_ROWS, COLUMNS, 2))
+    origins[..., 2] = 0.4
+    down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
+    for roughness in ROUGH:
+        body = trees.MeshBody(tree, 1.5, form.scale, form.half, roughness=roughness)
+        posed = [description.Posed(body, np.eye(4))]
+        frame = description.common_frame(posed)
+        places, alongs = passes.exit_rays(
+            paint,
+            description.pack(posed, frame),
+            frame.place(origins.reshape(-1, 3)).reshape(origins.shape),
+            down,
+            LEAST,
+            WAYS,
+            description.trees_of(posed),
+        )
+        weight, z = places[..., 3].ravel(), alongs[..., 2].ravel()
+        seen = [_turned(weight, z)]
+        ends = optics.exit_rays(
+            [optics.PlacedMesh(1.5, roughness=roughness)],
+            origins.reshape(-1, 3),
+            down.reshape(-1, 3),
+            min_weight=LEAST,
+            meet=meeting([(0, points, normals, None)]),
+        )
+        found[roughness] = [*seen, _turned(ends.weight, ends.direction[:, 2])]
+    return found
+
+
+def _turned(weight, z):
+    through = z < 0.0
+    return float((weight * (1.0 - z**2))[through].sum() / weight[through].sum())
+
+
 def compare(optics, description, paint, glass, seed, rows, unseen=0.0):
     """Shares of all light in ways that agree, and how exactly.
 
@@ -529,6 +579,8 @@ def run():
         result["amended"] = compare_amended(paint)
         result["lamps"] = compare_lamps(root, paint)
         print("exit_rays:", result, flush=True)
+        result["rough"] = compare_rough(optics, description, trees, paint)
+        print("exit_rays: rough", result["rough"], flush=True)
         for seed, (name, glass) in enumerate(shapes(optics).items()):
             rows = FEW_ROWS.get(name, ROWS)
             result[name] = compare(optics, description, paint, glass, seed, rows)

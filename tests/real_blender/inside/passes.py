@@ -46,6 +46,7 @@ void main()
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   vec3 p = texelFetch(origin_tx, pixel, 0).xyz;
   vec3 d = normalize(texelFetch(along_tx, pixel, 0).xyz);
+  sampled = pixel;
   follow(p, d, starting(false), least, most, true, unseen);
 """
 _EXITS_OUT = (
