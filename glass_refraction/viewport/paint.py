@@ -531,7 +531,10 @@ class Painter:
             return [(self._blocks[0][1], (1.0, 1.0, 1.0, 1.0))]
         uniforms = [uniform for _, uniform in self._blocks[1:]]
         share = 1.0 / len(uniforms)
-        return [(u, (*row, share)) for u, row in zip(uniforms, np.eye(3).tolist(), strict=True)]
+        bands = zip(uniforms, np.eye(3).tolist(), strict=True)
+        passes = [(uniform, (*row, share)) for uniform, row in bands]
+        # A further sample of some pixels is of one colour, in turn.
+        return passes if self._drawn.listed is None else [passes[self._drawn.samples % len(passes)]]
 
     def _in_layer(self, rect) -> tuple[float, float, float, float]:
         """A part of the view as one of the layer that is drawn, whose samples may reach farther."""

@@ -62,12 +62,13 @@ PLAYING_SECONDS = 0.5
 """Between looks whether an animation still plays."""
 ROUNDS = (3, 3)
 """Further samples of a pixel, at rest: of those at edges, then of those of them whose samples
-differ. With two in the first round thin edges were missed."""
-ROUGH_ROUNDS = (7, 14)
-"""Where a glass is rough there are more: each sample meets other facets."""
+differ. With two in the first round thin edges were missed. Where colours are followed each on its
+own there is one round of as many, see `_rounds`."""
+ROUGH_ROUNDS = (6, 15)
+"""Where a glass is rough there are more: each sample meets other facets. As many for each colour."""
 PLACES = np.array(((0, 0), (1, 3), (2, -1), (-3, -2), (-1, -3), (-2, 1), (3, 2))) / 7.0
 """Of a pixel's samples, from its middle, in pixels: no two share a row or a column. After each
-round their mean is the middle."""
+round their mean is the middle, as that of two is with three between them."""
 WAYS, WAYS_MORE, WAYS_MOVING = 5, 3, 4
 """Ways of a ray that are followed to their end: at rest in the first sample, in further ones, and
 while something moves."""
@@ -193,7 +194,7 @@ class _View:
     @property
     def rounds(self) -> tuple[int, ...]:
         """Further samples of a pixel, at rest."""
-        return ROUNDS + ROUGH_ROUNDS if self.model.is_rough else ROUNDS
+        return _rounds(self.painter) + (ROUGH_ROUNDS if self.model.is_rough else ())
 
 
 _shown: set[int] = set()
@@ -606,6 +607,13 @@ def _draw_displaced(view: _View, jitter: tuple[float, float]) -> Displaced | Non
     return displaced
 
 
+def _rounds(painter) -> tuple[int, ...]:
+    """Further samples of each round. Of one for a colour the others' tell nothing: all come at
+    once, two for each colour, whose mean is the pixel's middle, too.
+    """
+    return ROUNDS if painter.colours == 1 else (sum(ROUNDS),)
+
+
 def _jitter(number: int) -> tuple[float, float]:
     """Place of a sample from the pixel's middle, pixels."""
     x, y = PLACES[number % len(PLACES)]
@@ -845,7 +853,7 @@ def _add_samples(view: _View, region, settings) -> None:
                 view.round = 0
                 some = painter.begin_edges(LISTED_LAYER, view.layer)
                 view.stage, view.final = MORE, not some
-                if ROUNDS[0] * some > view.plain_seconds * view.slowest[True]:
+                if view.rounds[0] * some > view.plain_seconds * view.slowest[True]:
                     # It takes longer than a redraw until there is more.
                     _show_own(view, region)
         else:
@@ -855,7 +863,7 @@ def _add_samples(view: _View, region, settings) -> None:
                 view.round += 1
                 is_last = view.round == len(view.rounds)
                 view.final = is_last or not painter.begin_spread(LISTED_LAYER)
-                if not view.final and view.round >= len(ROUNDS):
+                if not view.final and view.round >= len(_rounds(painter)):
                     # Grain takes long: what there is of it is shown.
                     _show_own(view, region)
     if view.final:

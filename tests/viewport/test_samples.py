@@ -18,8 +18,30 @@ def test_samples_lie_evenly_in_the_pixel():
         assert np.diff(np.sort(places[:, axis])) == pytest.approx(1.0 / len(places))
     for count in np.cumsum((1, *views.ROUNDS)):
         assert places[:count].mean(axis=0) == pytest.approx((0.0, 0.0), abs=1e-12)
+    # Of three colours in turn each has two further samples.
+    assert places[1:4] + places[4:7] == pytest.approx(0.0, abs=1e-12)
     # An edge along a row or a column is seen by the first round already.
     assert (np.ptp(places[: 1 + views.ROUNDS[0]], axis=0) > 0.5).all()
+
+
+@pytest.mark.parametrize("listed", [None, "some"])
+def test_colours_that_part_have_as_many_samples_each(listed):
+    """A whole sample is of all colours, and each of listed pixels of one; their parts are told."""
+    blocks = [(None, name) for name in ("mean", "red", "green", "blue")]
+    painter = SimpleNamespace(colours=3, _blocks=blocks)
+    (rounds,) = views._rounds(painter)
+    samples = 1 if listed is None else rounds
+    drawn = []
+    for number in range(samples):
+        painter._drawn = SimpleNamespace(listed=listed, samples=number)
+        drawn += paint.Painter._passes(painter, True)
+    parts = dict.fromkeys(("red", "green", "blue"), 0.0)
+    for number, (name, band) in enumerate(drawn):
+        assert band[:3] == tuple(np.eye(3)[number % 3])
+        parts[name] += band[3]
+    counted = 1.0 if listed is None else rounds / 3
+    assert sum(parts.values()) == pytest.approx(counted)
+    assert len(set(parts.values())) == 1
 
 
 @pytest.mark.parametrize("count", [1, 16, 1000, 12345])
