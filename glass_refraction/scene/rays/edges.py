@@ -15,6 +15,7 @@ from itertools import product
 import numpy as np
 
 from .hits import TOGETHER, Scene, Views
+from .looks import SHINING
 from .sketches import MARGIN_PX, UNKNOWN, Sketch
 from .things import Things
 from .views import RadianceView
@@ -26,8 +27,6 @@ FARTHER = sorted(
     key=lambda step: (np.square(step).sum(), step),
 )
 """Steps to the pixels round these."""
-SHINING = 2.0
-"""Radiance, of the brightest of red, green and blue, from which on a surface shines."""
 GLARE = -3
 """In place of a surface's number: of pixels that have some of the light of what shines, not all."""
 

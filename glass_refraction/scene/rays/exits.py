@@ -467,6 +467,7 @@ def ending(
     size: tuple[int, int],
     radiance: np.ndarray | float = 1.0,
     shines: np.ndarray | None = None,
+    small: np.ndarray | float = 0.0,
 ) -> Endings:
     """Where ways end.
 
@@ -475,13 +476,14 @@ def ending(
     rays : one ray a pixel. label : (K,) what their ways meet; where another begins, a way ends.
     radiance : (K,) of what they meet, as far as it is known to be brighter than white.
     shines : (K,) whether that shines, as `edges.shining_looks` has it; by default nothing does.
+    small : (K,) radiance of what ways may pass by, see `small_lights`.
     """
     width, height = size
     ways, pixel = rays.ways, beside.pixel
     bright = np.maximum(ways.weight, np.minimum(ways.weight * radiance, BRIGHTEST))
-    way, beyond = np.zeros(len(ways)), np.zeros(width * height)
+    way, beyond = END * np.minimum(ways.weight * small, BRIGHTEST), np.zeros(width * height)
     x, y = np.ascontiguousarray(shown.pixels.T)
-    stretched, runs_on = np.zeros(len(ways)), ~ways.rough
+    stretched, runs_on = np.zeros(len(ways)), ~ways.rough & (way == 0.0)
     for axis, step in enumerate((1, width)):
         ahead, behind = beside.ahead[axis], beside.behind[axis]
         for sign, partner, there in zip((1, -1), (ahead, behind), beside.inner[axis], strict=True):

@@ -53,6 +53,7 @@ from .mirrors import mirrors_of, veils_of
 from .polish import amendments, polished
 from .radiance import Lookups, stand_ins
 from .samples import Packed, PackedPixels, pack, strongest
+from .small_lights import small_lights
 from .stage import FrameInput, Stage, corners_of, shining, staged
 from .suns import out_of_focus, sun_light
 from .things import Things
@@ -245,9 +246,9 @@ def _followed(
     shown = show(scene, views, coarse.ways)
     surface = frame.things.surfaces(coarse.ways.triangle)
     shines = np.append(shining_looks(frame.things), False)
-    ends = ending(
-        coarse, beside, shown, surface, view.size, shining(frame)[surface], shines[surface]
-    )
+    light = shining(frame)
+    small = small_lights(scene, coarse.ways, beside, light)
+    ends = ending(coarse, beside, shown, surface, view.size, light[surface], shines[surface], small)
     # A way's end may lie in the next pixel, which a cropped picture need not hold.
     drawn = np.zeros(len(ends.pixel), bool)
     drawn[grid([frame.region], view.size)] = True

@@ -176,6 +176,7 @@ class Scene:
         what an image cuts out the holes.
     eyes : of what cameras show: lamps are hidden from most.
     normals : (T + 1, 3) unit vectors of the triangles, and 0: the sky's, by its number −1.
+    is_shining : (L,) surfaces whose light is known without a view.
     is_paned : captures look through a pane: something looks otherwise to cameras.
     """
 
@@ -197,6 +198,7 @@ class Scene:
         looks = things.looks
         # The sky is the last, by its number −1.
         self._is_lamp = np.array([*(look.is_lamp for look in looks), False], bool)
+        self.is_shining = np.array([look.is_lamp or look.is_plain for look in looks], bool)
         self._is_glossy = np.array([*(look.is_glossy for look in looks), False], bool)
         self._is_hole = np.array([*(look.is_hole for look in looks), True], bool)
         self._is_hidden = np.array([*(look.is_hidden for look in looks), False], bool)
@@ -233,8 +235,9 @@ class Scene:
         return ~self._is_hidden[self.things.surface[met.triangle]]
 
     def is_known(self, ways: Ways) -> np.ndarray:
-        """(K,) whose light is known without a view: lamps, a sky of one colour, and none."""
-        known = self._is_lamp.take(self.things.surfaces(ways.triangle))
+        """(K,) whose light is known without a view: lamps and what shines in one colour, a sky of
+        one colour, and none."""
+        known = np.append(self.is_shining, False).take(self.things.surfaces(ways.triangle))
         if self.sky.radiance is not None:
             known |= ways.is_sky
         red, green, blue = ways.colour.T

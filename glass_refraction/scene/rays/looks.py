@@ -29,6 +29,8 @@ MIRROR = 0.3
 """Roughness below which images are seen in a surface."""
 POLISHED = 0.15
 """Roughness below which these images are sharp enough to be told from one direction."""
+SHINING = 2.0
+"""Radiance, of the brightest of red, green and blue, from which on a surface shines."""
 DIELECTRIC = 0.04
 """Reflectance of a surface of ior 1.5 that is seen squarely."""
 
@@ -50,6 +52,7 @@ class Look:
     radiance : light of its own, scene-linear.
     is_lamp : the radiance is all that it shows, and no view shows it. It is not there for light
         that it does not meet with its own.
+    is_plain : it shines, and shows that alone wherever it is seen from: no view need show it.
     is_hidden : from cameras.
     is_passed : by light that has come through a glass: *Transmission* is off.
     is_uncaptured : captures do not show it, or otherwise than the picture.
@@ -72,6 +75,7 @@ class Look:
     albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
     radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
     is_lamp: bool = False
+    is_plain: bool = False
     is_glossy: bool = False
     faces: int = 0
     beam: Beam | None = None
@@ -114,6 +118,9 @@ def look_of(material: bpy.types.Material | None) -> Look:
     if material is None:
         return Look()
     tree, look = material.node_tree, _shader_look(material)
+    own_light = _own_light(tree)
+    if own_light is not None and max(own_light) > SHINING:
+        look = replace(look, radiance=own_light, is_plain=True)
     return replace(
         look,
         is_glossy=look.is_glossy or _is_glossy(tree),
@@ -244,12 +251,16 @@ def hole_look(_material: bpy.types.Material | None) -> Look:
 
 def softbox_look(material: bpy.types.Material | None) -> Look | None:
     """The look of what is hidden from cameras: that of a lamp if it emits one colour, else None."""
-    node = leading_node(material and material.node_tree, "Surface", "EMISSION")
-    if node is None:
+    light = _own_light(material and material.node_tree)
+    return light and Look((0.0, 0.0, 0.0), light, is_lamp=True, is_hidden=True)
+
+
+def _own_light(tree: bpy.types.NodeTree | None) -> tuple[float, float, float] | None:
+    """The radiance of what emits one colour and does nothing else; None of all others."""
+    node = leading_node(tree, "Surface", "EMISSION")
+    if node is None or node.inputs["Color"].is_linked or node.inputs["Strength"].is_linked:
         return None
-    if node.inputs["Color"].is_linked or node.inputs["Strength"].is_linked:
-        return None
-    return Look((0.0, 0.0, 0.0), _emitted(node, ""), is_lamp=True, is_hidden=True)
+    return _emitted(node, "")
 
 
 def card_look(material: bpy.types.Material | None) -> Look:

@@ -59,8 +59,8 @@ def sun_light(
     if not (len(sky) and suns):
         return out
     ways = rays.ways.take(sky)
-    found = [_slope(rays.ways.direction, beside, axis, sky) for axis in range(2)]
-    slopes = [slope for slope, _ in found]
+    found = [slope(rays.ways.direction, beside, axis, sky) for axis in range(2)]
+    slopes = [part for part, _ in found]
     light = _light(ways, suns, sigma, slopes, clamp)
     alone = np.stack([alone for _, alone in found], axis=1)
     near = np.any([_angle(ways, sun) < _half(sun) + WIDEST for sun in suns], axis=0)
@@ -111,8 +111,8 @@ def _light(
     """(n, 3) radiance of the suns along ways, from how their directions differ (n, 3) a pixel along
     either axis; where that is infinite there is none."""
     out = np.zeros((len(ways), 3))
-    slopes = [sigma * slope for slope in slopes]
-    longest = np.maximum(*(np.linalg.norm(slope, axis=1) for slope in slopes))
+    slopes = [sigma * part for part in slopes]
+    longest = np.maximum(*(np.linalg.norm(part, axis=1) for part in slopes))
     for sun in suns:
         half = _half(sun)
         is_near = _angle(ways, sun) < half + FARTHEST * longest + LEAST_ANGLE
@@ -120,7 +120,7 @@ def _light(
         large = half > LARGE * longest[near]
         for seen, some in ((_disc_in_cone, near[large]), (_bell_in_cone, near[~large])):
             if len(some):
-                axes = [slope[some] for slope in slopes]
+                axes = [part[some] for part in slopes]
                 here = ways.take(some)
                 factor = np.take(sun.factors, here.path & 1)
                 part = seen(sun, here.direction, *axes)
@@ -162,12 +162,12 @@ def _followed_slopes(ways: Ways, pixel: np.ndarray, follower: Follower) -> list[
         is_known = np.isfinite(steps)
         count = is_known.sum(axis=0)
         total = np.where(is_known, steps, 0.0).sum(axis=0)
-        slope = total / (BESIDE_PX * np.maximum(count, 1))
-        slopes.append(np.where(count > 0, slope, np.inf))
+        found = total / (BESIDE_PX * np.maximum(count, 1))
+        slopes.append(np.where(count > 0, found, np.inf))
     return slopes
 
 
-def _slope(
+def slope(
     values: np.ndarray, beside: Neighbours, axis: int, some: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Differences (n, 3) of values (K, 3) from one pixel to the next, 0 where there is no next, and

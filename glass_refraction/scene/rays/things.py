@@ -147,7 +147,8 @@ def read_things(
     culls = depsgraph.scene_eval.display.shading.show_backface_culling
     builder = _Builder(engine, depsgraph.mode, masks, int(culls and engine == "BLENDER_WORKBENCH"))
     # Other engines have no rays that a material could tell apart.
-    told_apart = engine == "CYCLES" and depsgraph.view_layer.material_override is None
+    is_overridden = depsgraph.view_layer.material_override is not None
+    told_apart = engine == "CYCLES" and not is_overridden
     for instance in depsgraph.object_instances:
         obj = instance.object
         original = obj.original
@@ -183,6 +184,8 @@ def read_things(
         if not told_apart:
             # Nor do their pictures mirror as the material tells.
             look = marked_look(look, is_of_cameras=False, is_of_paths=False, polish=None)
+        if engine == "BLENDER_WORKBENCH" or is_overridden:
+            look = marked_look(look, is_plain=False)
         if owner.type == "META":
             # Captures have the user's scene as their set, and Blender leaves a set's metaballs out.
             look = marked_look(look, is_uncaptured=True)

@@ -8,6 +8,7 @@ import scenes
 from mathutils import Euler, Matrix, Vector
 
 from glass_refraction.scene.rays.lamps import lamp_shape, sun_of
+from glass_refraction.scene.rays.looks import look_of
 
 POSE = np.array(Matrix.LocRotScale(Vector((0.3, -0.2, 1.0)), Euler((0.4, 1.1, -0.3)), None), float)
 
@@ -187,3 +188,34 @@ def _mirrored(tmp_path, light, scale=(1.0, 1.0, 1.0), turn=0.0):
     bpy.context.object.data.materials.append(material)
     bpy.context.view_layer.update()
     return np.array(lamp.matrix_world, float), scenes.picture(scene, tmp_path)[4, 4, :3]
+
+
+def test_a_wire_thinner_than_a_pixel_is_as_bright_through_a_pane_as_beside_it(tmp_path):
+    """No view shows its own brightness; the material tells it."""
+    scenes.camera(location=(0.0, -1.0, 0.0), tilt=np.pi / 2)
+    bpy.ops.mesh.primitive_plane_add(size=1.0, location=(0.0, 0.5, 0.0))
+    wire = bpy.context.object
+    # A pixel is 13 mm wide there.
+    wire.scale, wire.rotation_euler = (0.9, 0.006, 1.0), (np.pi / 2, 0.12, 0.0)
+    wire.data.materials.append(scenes.emissive("Wire", (8.0, 4.0, 4.0)))
+    bpy.ops.mesh.primitive_plane_add(size=0.6, location=(0.3, 0.0, 0.0), rotation=(np.pi / 2, 0, 0))
+    assert bpy.ops.object.refractive_glass_modifier_add(wall_thickness=0.001) == {"FINISHED"}
+    scene = scenes.settings(80, 60, 64, shading="TRUE")
+    picture = scenes.picture(scene, tmp_path)[..., 0]
+    beside, through = picture[:, 18:36].sum(), picture[:, 44:62].sum()
+    reflected = 0.04
+    assert through / beside == pytest.approx((1 - reflected) / (1 + reflected), rel=0.08)
+
+
+def test_what_shines_in_one_colour_is_known_and_nothing_else_is():
+    bright = scenes.emissive("Bright", (1.0, 0.5, 0.5))
+    emission = next(n for n in bright.node_tree.nodes if n.type == "EMISSION")
+    emission.inputs["Strength"].default_value = 9.0
+    assert look_of(bright).is_plain
+    np.testing.assert_allclose(look_of(bright).radiance, (9.0, 4.5, 4.5))
+    emission.inputs["Strength"].default_value = 1.5
+    assert not look_of(bright).is_plain
+    emission.inputs["Strength"].default_value = 9.0
+    image = bright.node_tree.nodes.new("ShaderNodeTexNoise")
+    bright.node_tree.links.new(image.outputs["Color"], emission.inputs["Color"])
+    assert not look_of(bright).is_plain
