@@ -52,7 +52,6 @@ class Look:
     radiance : light of its own, scene-linear.
     is_lamp : the radiance is all that it shows, and no view shows it. It is not there for light
         that it does not meet with its own.
-    is_plain : it shines, and shows that alone wherever it is seen from: no view need show it.
     is_hidden : from cameras.
     is_passed : by light that has come through a glass: *Transmission* is off.
     is_uncaptured : captures do not show it, or otherwise than the picture.
@@ -64,6 +63,7 @@ class Look:
     clear : how other things are seen through it; None: not at all, or nobody knows.
     is_mirror : other things are seen in it.
     reflectance : part of the light that it mirrors where it is seen squarely.
+    is_plain : it shines, and shows that alone wherever it is seen from: no view need show it.
     polish : part of the light (red, green, blue) that it mirrors where it is seen squarely, of what
         is polished, flat and of one kind all over; else None.
     faces : 1: it is there on the side of its normals only; −1: on the other; 0: on both.
@@ -75,7 +75,6 @@ class Look:
     albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
     radiance: tuple[float, float, float] = (0.0, 0.0, 0.0)
     is_lamp: bool = False
-    is_plain: bool = False
     is_glossy: bool = False
     faces: int = 0
     beam: Beam | None = None
@@ -89,6 +88,7 @@ class Look:
     is_mirror: bool = False
     reflectance: float = DIELECTRIC
     factors: tuple[float, float] = (1.0, 1.0)
+    is_plain: bool = False
     polish: tuple[float, float, float] | None = None
     cutout: Cutout | None = None
 
