@@ -31,6 +31,8 @@ POLISHED = 0.15
 """Roughness below which these images are sharp enough to be told from one direction."""
 SHINING = 2.0
 """Radiance, of the brightest of red, green and blue, from which on a surface shines."""
+OUTSHINING = 10.0
+"""The same from which on that is all there is to see, whatever else the surface sends back."""
 DIELECTRIC = 0.04
 """Reflectance of a surface of ior 1.5 that is seen squarely."""
 
@@ -118,8 +120,8 @@ def look_of(material: bpy.types.Material | None) -> Look:
     if material is None:
         return Look()
     tree, look = material.node_tree, _shader_look(material)
-    own_light = _own_light(tree)
-    if own_light is not None and max(own_light) > SHINING:
+    own_light = _own_light(tree) or _outshining(tree)
+    if own_light and max(own_light) > SHINING:
         look = replace(look, radiance=own_light, is_plain=True)
     return replace(
         look,
@@ -261,6 +263,19 @@ def _own_light(tree: bpy.types.NodeTree | None) -> tuple[float, float, float] | 
     if node is None or node.inputs["Color"].is_linked or node.inputs["Strength"].is_linked:
         return None
     return _emitted(node, "")
+
+
+def _outshining(tree: bpy.types.NodeTree | None) -> tuple[float, float, float] | None:
+    """The radiance of a Principled BSDF that emits one colour, so much that nothing else counts."""
+    node = leading_node(tree, "Surface", "BSDF_PRINCIPLED")
+    if node is None or node.inputs["Alpha"].default_value < 1.0:
+        return None
+    if any(
+        node.inputs[name].is_linked for name in ("Alpha", "Emission Color", "Emission Strength")
+    ):
+        return None
+    light = _emitted(node, "Emission ")
+    return light if max(light) > OUTSHINING else None
 
 
 def card_look(material: bpy.types.Material | None) -> Look:

@@ -219,3 +219,17 @@ def test_what_shines_in_one_colour_is_known_and_nothing_else_is():
     image = bright.node_tree.nodes.new("ShaderNodeTexNoise")
     bright.node_tree.links.new(image.outputs["Color"], emission.inputs["Color"])
     assert not look_of(bright).is_plain
+
+
+def test_a_principled_material_that_outshines_what_it_sends_back_is_known():
+    material = bpy.data.materials.new("Filament")
+    inputs = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED").inputs
+    inputs["Emission Color"].default_value = (1.0, 0.6, 0.2, 1.0)
+    inputs["Emission Strength"].default_value = 30.0
+    assert look_of(material).is_plain
+    np.testing.assert_allclose(look_of(material).radiance, (30.0, 18.0, 6.0), rtol=1e-6)
+    inputs["Alpha"].default_value = 0.5
+    assert not look_of(material).is_plain
+    inputs["Alpha"].default_value = 1.0
+    inputs["Emission Strength"].default_value = 4.0
+    assert not look_of(material).is_plain
