@@ -25,7 +25,12 @@ LEAST = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """All within ``radius`` of the line (2, 3) that begins and ends its axis; and its look."""
+    """All within ``radius`` of an axis.
+
+    Attributes
+    ----------
+    axis : (2, 3) where it begins and ends. radius : metres. look : number of what shines there.
+    """
 
     axis: np.ndarray
     radius: float
@@ -45,7 +50,10 @@ class Capsule:
 
 
 def capsules(things: Things, shines: np.ndarray) -> list[Capsule]:
-    """Round what shines, the thinnest that few are; ``shines``: (L,) which looks do."""
+    """Those round what shines, `MOST` at most: the thickest are divided, as long as there is room.
+
+    ``shines``: (L,) which looks do.
+    """
     some = np.flatnonzero(shines[things.surface]) if shines.any() else np.zeros(0, int)
     surface = things.surface[some]
     parts = [some[surface == number] for number in np.unique(surface)[:MOST]]
@@ -69,7 +77,7 @@ def capsules(things: Things, shines: np.ndarray) -> list[Capsule]:
 
 
 def small_lights(scene: Scene, ways: Ways, beside: Neighbours, radiance: np.ndarray) -> np.ndarray:
-    """(K,) radiance of what one ray a pixel may miss though the pixel sees it, 0 where nothing is.
+    """(K,) radiance of what shines beside each way, so small that one ray a pixel may miss it; else 0.
 
     Neighbouring pixels tell how far apart their ways are where they pass something. What is
     thicker than that is met by the ways themselves.
