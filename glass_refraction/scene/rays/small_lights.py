@@ -9,7 +9,7 @@ import numpy as np
 
 from ...optics.vectors import dot
 from .exits import Neighbours
-from .hits import Scene, Ways
+from .hits import Scene, Ways, blocks_of
 from .suns import slope
 from .things import Things
 
@@ -51,6 +51,7 @@ class Capsule:
 
 def capsules(things: Things, shines: np.ndarray) -> list[Capsule]:
     """Those round what shines, `MOST` at most: the thickest are divided, as long as there is room.
+    Lamps are round or flat, and stay whole.
 
     ``shines``: (L,) which looks do.
     """
@@ -64,7 +65,10 @@ def capsules(things: Things, shines: np.ndarray) -> list[Capsule]:
 
     found = [(held(part), part) for part in parts]
     while len(found) < MOST:
-        thick = [one.radius * (len(part) > FEW) for one, part in found]
+        thick = [
+            0.0 if len(part) <= FEW or things.looks[one.look].is_lamp else one.radius
+            for one, part in found
+        ]
         widest = int(np.argmax(thick)) if thick else 0
         if not thick or thick[widest] == 0.0:
             break
@@ -77,7 +81,7 @@ def capsules(things: Things, shines: np.ndarray) -> list[Capsule]:
 
 
 def small_lights(scene: Scene, ways: Ways, beside: Neighbours, radiance: np.ndarray) -> np.ndarray:
-    """(K,) radiance of what shines beside each way, so small that one ray a pixel may miss it; else 0.
+    """(K,) radiance of what shines beside each way, so small that one ray a pixel may miss it.
 
     Neighbouring pixels tell how far apart their ways are where they pass something. What is
     thicker than that is met by the ways themselves.
@@ -88,29 +92,37 @@ def small_lights(scene: Scene, ways: Ways, beside: Neighbours, radiance: np.ndar
     """
     found = np.zeros(len(ways))
     some = capsules(scene.things, scene.is_shining)
-    if not (some and len(ways)):
-        return found
-    every = np.arange(len(ways))
-    starts, turns = (
-        [slope(part, beside, axis, every)[0].T.copy() for axis in range(2)]
-        for part in (ways.origin, ways.direction)
-    )
-    origin, direction = ways.origin.T.copy(), ways.direction.T.copy()
-    for one in some:
-        begin, end = one.axis
-        length = float(np.linalg.norm(end - begin))
-        along = (end - begin) / max(length, LEAST)
-        to_begin = begin[:, None] - origin
-        ahead, aside = dot(direction, to_begin), dot(to_begin, along)
-        slant = dot(direction, along)
-        place = (slant * ahead - aside) / np.maximum(1.0 - slant * slant, LEAST)
-        place = np.clip(place, 0.0, length)
-        far = ahead + place * slant
-        gap = to_begin + place * along[:, None] - far * direction
-        wide = [first + far * turn for first, turn in zip(starts, turns, strict=True)]
-        wide = [np.sqrt(dot(part, part)) for part in wide]
-        spread = np.maximum(*wide)
-        near = dot(gap, gap) < (one.radius + REACH * np.hypot(*wide)) ** 2
-        near &= (one.radius < spread) & (far > 0.0) & (far - spread < ways.distance)
-        found[near] = np.maximum(found[near], radiance[one.look])
+    for rows in blocks_of(len(ways) if some else 0):
+        origin, direction = (p.take(rows, axis=0).T.copy() for p in (ways.origin, ways.direction))
+        apart = [
+            [slope(part, beside, axis, rows)[0].T.copy() for part in (ways.origin, ways.direction)]
+            for axis in range(2)
+        ]
+        distance, brightest = ways.distance[rows], np.zeros(len(rows))
+        for one in some:
+            far, gap = _passed(one, origin, direction)
+            wide = [start + far * turn for start, turn in apart]
+            wide = [np.sqrt(dot(part, part)) for part in wide]
+            spread = np.maximum(*wide)
+            near = gap < one.radius + REACH * np.hypot(*wide)
+            near &= (one.radius < spread) & (far > 0.0) & (far - spread < distance)
+            brightest[near] = np.maximum(brightest[near], radiance[one.look])
+        found[rows] = brightest
     return found
+
+
+def _passed(
+    one: Capsule, origin: np.ndarray, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far (K,) along ways, from (3, K) on, they pass a capsule's axis, and how near (K,)."""
+    begin, end = one.axis
+    length = float(np.linalg.norm(end - begin))
+    along = (end - begin) / max(length, LEAST)
+    to_begin = begin[:, None] - origin
+    ahead, aside = dot(direction, to_begin), dot(to_begin, along)
+    slant = dot(direction, along)
+    place = (slant * ahead - aside) / np.maximum(1.0 - slant * slant, LEAST)
+    place = np.clip(place, 0.0, length)
+    far = ahead + place * slant
+    gap = to_begin + place * along[:, None] - far * direction
+    return far, np.sqrt(dot(gap, gap))
