@@ -65,7 +65,7 @@ ROUNDS = (3, 3)
 differ. With two in the first round thin edges were missed. Where colours are followed each on its
 own there is one round of as many, see `_rounds`."""
 ROUGH_ROUNDS = (6, 15)
-"""Where a glass is rough there are more: each sample meets other facets. As many for each colour."""
+"""Where a glass is rough there are more: each sample meets other facets. Colours take turns."""
 PLACES = np.array(((0, 0), (1, 3), (2, -1), (-3, -2), (-1, -3), (-2, 1), (3, 2))) / 7.0
 """Of a pixel's samples, from its middle, in pixels: no two share a row or a column. After each
 round their mean is the middle, as that of two is with three between them."""
