@@ -63,7 +63,7 @@ class _Group:
 
     def _finish(self, triangle: np.ndarray, origins, way, directions) -> np.ndarray:
         """(L, `FINISH`) what the surface is like where rays meet triangles, if any is painted."""
-        found = np.ones((len(triangle), FINISH))
+        found = np.ones((len(triangle), FINISH if self.meshes else 0))
         if not self.meshes:
             return found
         member = np.searchsorted(self.begins, triangle, side="right") - 1

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bumps of glasses that are meshes: their triangles in small ones, with the normals of the bumps.
+"""Surfaces of glasses that are meshes, in small triangles: with the normals of bumps, and paint.
 
-A bump moves no surface: points stay on the faces, and normals tilt. The heights are evaluated round
+A bump moves no surface: points stay on the faces, and normals tilt. Heights are evaluated round
 each point (`material_fields`).
 """
 
