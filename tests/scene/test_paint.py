@@ -13,7 +13,9 @@ from glass_refraction.scene.memory import counters
 from glass_refraction.scene.read import bumps
 from glass_refraction.scene.read.bumps import bumping
 from glass_refraction.scene.read.glasses import read_glasses
+from glass_refraction.scene.read.material_fields import UV_MAP
 from glass_refraction.scene.read.mesh_corners import corners_of
+from glass_refraction.scene.read.modifier_inputs import glass_modifier
 from glass_refraction.scene.read.paint import paint_on
 from glass_refraction.scene.read.unread import unread
 
@@ -259,6 +261,48 @@ def test_what_is_behind_colours_and_unknown_is_told_by_name():
     # What is known counts all the same.
     assert seen().paint is not None
     assert not any("Roughness" in line for line in unread(obj, 0))
+
+
+def test_an_image_whose_file_is_missing_is_told():
+    """It was black, and nothing said why."""
+    made = material()
+    picture = painted(made, np.ones(64))
+    picture.image.source, picture.image.filepath = "FILE", "//nowhere.png"
+    picture.image.reload()
+    link(made, picture.outputs["Color"], glass_of(made).inputs["Color"])
+    obj = cube(made)
+    (line,) = unread(obj, 0)
+    assert "as Color: Image Texture whose file is missing" in line
+    assert seen().paint is None
+
+
+@pytest.mark.parametrize("kind", ["MixShader", "AddShader"])
+def test_a_shader_that_is_mixed_with_another_is_told(kind):
+    """Of two glasses that a texture mixes the first was all that was seen, without a word."""
+    made = material()
+    mix, other = node(made, kind), node(made, "BsdfGlass")
+    link(made, glass_of(made).outputs[0], mix.inputs[-2])
+    link(made, other.outputs[0], mix.inputs[-1])
+    link(made, mix.outputs[0], made.node_tree.get_output_node("ALL").inputs["Surface"])
+    obj = cube(made)
+    (line,) = unread(obj, 0)
+    assert f'all "{glass_of(made).name}": {mix.bl_label} does not count' in line
+    # Light that lamps send let through, as many do.
+    node(made, "LightPath")
+    assert unread(obj, 0) == []
+
+
+def test_a_modifier_of_an_older_version_is_told_where_it_matters():
+    """As one that is linked, which stays as its file has it: the corners it hides have no places
+    on UV maps."""
+    made = material()
+    obj = cube(made)
+    group = glass_modifier(obj).node_group
+    group.interface.remove(group.interface.items_tree[UV_MAP])
+    assert unread(obj, 0) == []
+    by_place(made, "Color", "UV")
+    (line,) = unread(obj, 0)
+    assert "older version" in line
 
 
 def test_instances_have_paint_of_their_own_place():

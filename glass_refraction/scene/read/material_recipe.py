@@ -332,6 +332,8 @@ class _Reader:
             raise Untranslatable(f"{node.bl_label} without an image")
         if image.source not in {"FILE", "GENERATED"} or node.projection != "FLAT":
             raise Untranslatable(f"{node.bl_label} of a movie, of tiles or by a projection")
+        if not all(image.size):
+            raise Untranslatable(f"{node.bl_label} whose file is missing")
         image = image.original
         reading = image.colorspace_settings.name, image.alpha_mode, image.source
         # Where it is painted on, Blender tells of a change.

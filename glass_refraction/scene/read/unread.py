@@ -14,7 +14,9 @@ from .glassy_materials import (
     material_interface,
     opaque_materials,
 )
+from .material_fields import UV_MAP, wanted_map
 from .material_recipe import Recipe, bumps_of, paint_of
+from .modifier_inputs import glass_modifier, has_input
 
 _BESIDE_GLASS = ("Metallic", "Coat Weight", "Emission Strength", "Thin Film Thickness", "Thin Wall")
 """Inputs of a shader that make of a glass what is not computed; plain glass has 0. Blender has a
@@ -43,6 +45,13 @@ def unread(obj: bpy.types.Object, opaque: int) -> list[str]:
             f'Glass "{obj.name}" has ior, volume and bumps of its first glassy material, '
             f'"{first.name}", everywhere: separate the faces of others (Edit Mode, P > By '
             "Material), which then are glasses too"
+        )
+    modifier = glass_modifier(obj)
+    is_old = modifier is not None and not has_input(modifier, UV_MAP)
+    if is_old and (others or wanted_map(obj)):
+        found.append(
+            f'Glass "{obj.name}" may have its colours in other places: its modifier is of an older '
+            "version, in a library. Open that file with this version, and save it"
         )
     known = {*materials, *opaque_materials(obj, opaque)}
     left = [m.name for m in shown if m not in known]
@@ -74,12 +83,34 @@ def _left_out(obj: bpy.types.Object, material: bpy.types.Material) -> list[str]:
     without = f'Glass "{obj.name}" is seen without what its material "{material.name}" has as '
     if linked:
         found.append(f"{without}{', '.join(linked)}: it takes plain values of a glass")
+    mixed = _mixed(material)
+    if mixed:
+        found.append(
+            f'Glass "{obj.name}" is seen as if its material "{material.name}" were all '
+            f'"{node.name}": {mixed} does not count'
+        )
     unknown = paint_of(material)[1]
     if unknown:
         nodes = ", ".join(dict.fromkeys(unknown.values()))
         inputs = ", ".join(unknown)
         found.append(f"{without}{inputs}: {nodes} is not known where rays go; plain values count")
     return found
+
+
+def _mixed(material: bpy.types.Material) -> str:
+    """What mixes the shader of a glass with others; empty: nothing. By a Light Path it is left to
+    the user: mostly light that lamps send is let through, and what the camera sees is all glass."""
+    tree, waiting = material.node_tree, [interface_node(material)]
+    if any(node.type == "LIGHT_PATH" for node in tree.nodes):
+        return ""
+    while waiting:
+        links = [link for output in waiting.pop().outputs for link in output.links]
+        for node in (link.to_node for link in links if not link.is_muted):
+            if node.type in {"MIX_SHADER", "ADD_SHADER"} and not node.mute:
+                return node.bl_label
+            if node.type == "REROUTE":
+                waiting.append(node)
+    return ""
 
 
 def _medium(material: bpy.types.Material) -> tuple:
