@@ -5,6 +5,7 @@ import bpy
 import numpy as np
 import scenes
 
+from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
 from glass_refraction.scene.read.glasses import read_glasses
 
@@ -69,3 +70,26 @@ def prepared():
 def seen():
     """The first glass's description as renders read it."""
     return read_glasses(scenes.depsgraph())[0].description
+
+
+def pane_beside_cycles(made, tmp_path):
+    """How near a pane before a striped wall and its real glass in *Compare* are to real glass: the
+    mean square of what differs inside, of each."""
+    bpy.ops.mesh.primitive_cube_add(size=1.0, scale=(1.6, 0.1, 1.2))
+    bpy.ops.object.transform_apply(scale=True)
+    pane = bpy.context.object
+    pane.data.materials.append(made)
+    scenes.striped_wall(distance=1.5, stripes=24, size=6.0)
+    scenes.camera(location=(0.0, -3.0, 0.0), tilt=np.pi / 2)
+    scene = scenes.settings(width=96, height=72, samples=64, shading="TRUE", surface="GLASS")
+    real = scenes.picture(scene, tmp_path, "real")
+    bpy.context.view_layer.objects.active = pane
+    assert bpy.ops.object.refractive_glass_modifier_add(shape="MESH") == {"FINISHED"}
+    ours = scenes.picture(scene, tmp_path, "ours")
+    assert door.status(scene).problems == []
+    materials = list(bpy.data.materials)
+    reference = render_reference(scene, samples=64)
+    assert list(bpy.data.materials) == materials
+    assert pane.material_slots[0].material == made
+    inside = np.s_[20:52, 26:70, :3]
+    return [np.mean((real[inside] - picture[inside]) ** 2) for picture in (ours, reference)]

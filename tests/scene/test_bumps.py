@@ -5,9 +5,19 @@ import bpy
 import numpy as np
 import pytest
 import scenes
-from glassy import cube, glass_of, link, material, node, paint, painted, prepared, seen
+from glassy import (
+    cube,
+    glass_of,
+    link,
+    material,
+    node,
+    paint,
+    painted,
+    pane_beside_cycles,
+    prepared,
+    seen,
+)
 
-from glass_refraction.reference.cycles import render_reference
 from glass_refraction.scene import update as door
 from glass_refraction.scene.build.own_scenes import own_blocks
 from glass_refraction.scene.memory import counters
@@ -422,22 +432,5 @@ def test_a_bumped_pane_shows_what_it_shows_in_cycles(tmp_path, coordinates):
     for number, height in enumerate(heights):
         link(made, height, both.inputs[number])
     bump(made, both.outputs[0], Distance=0.05)
-    bpy.ops.mesh.primitive_cube_add(size=1.0, scale=(1.6, 0.1, 1.2))
-    bpy.ops.object.transform_apply(scale=True)
-    pane = bpy.context.object
-    pane.data.materials.append(made)
-    scenes.striped_wall(distance=1.5, stripes=24, size=6.0)
-    scenes.camera(location=(0.0, -3.0, 0.0), tilt=np.pi / 2)
-    scene = scenes.settings(width=96, height=72, samples=64, shading="TRUE", surface="GLASS")
-    real = scenes.picture(scene, tmp_path, "real")
-    bpy.context.view_layer.objects.active = pane
-    assert bpy.ops.object.refractive_glass_modifier_add(shape="MESH") == {"FINISHED"}
-    ours = scenes.picture(scene, tmp_path, "ours")
-    inside = np.s_[20:52, 26:70, :3]
-    materials = list(bpy.data.materials)
-    reference = render_reference(scene, samples=64)
-    assert list(bpy.data.materials) == materials
-    assert pane.material_slots[0].material == made
-    for picture in (ours, reference):
-        error = np.mean((real[inside] - picture[inside]) ** 2)
+    for error in pane_beside_cycles(made, tmp_path):
         assert -10.0 * np.log10(error) > 26.0

@@ -11,7 +11,7 @@ import numpy as np
 from ...optics.boxes import apart
 from ..read.glasses import Glass
 from ..read.mesh_glasses import MeshGlass
-from ..read.paint import FINISH
+from ..read.paint import FINISH, plain_finish
 from .caster import Caster
 from .things import Triangles
 
@@ -70,7 +70,7 @@ class _Group:
         for number, mesh in enumerate(self.meshes):
             on = np.flatnonzero((member == number) & (triangle >= 0))
             if mesh.paint is None:
-                found[on] = mesh.roughness, *mesh.refracted, *mesh.reflected
+                found[on] = plain_finish(mesh)
                 continue
             own = triangle[on]
             places = origins[on] + way[on, None] * directions[on]

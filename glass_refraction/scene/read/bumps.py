@@ -18,11 +18,11 @@ import numpy as np
 
 from ..memory import counters
 from .arrays import unit
-from .glassy_materials import glassy_materials
+from .glassy_materials import glassy_materials, material_interface
 from .material_fields import Fields, NotReady, frame_of, is_ready, maps_of, painted
 from .material_recipe import GENERATED, OBJECT, UV, WORLD, Recipe, Stage, bumps_of, recipes_of
 from .mesh_corners import Corners, corners_of
-from .paint import FINISH, Paint, paint_on
+from .paint import FINISH, Paint, paint_on, plain_finish
 from .triangles import Triangles
 
 STEP = 1e-4
@@ -95,10 +95,7 @@ def bumping(
     digest = hashlib.blake2b(repr(recipe.stamp()).encode())
     for array in (corners.points, corners.normals, place, *maps.values()):
         digest.update(np.ascontiguousarray(array).tobytes())
-    images = tuple(recipe.images)
-    if images not in pixels:
-        pixels[images] = painted(recipe)
-    digest.update(repr((pixels[images], paint and paint.stamp)).encode())
+    digest.update(repr((painted(recipe, pixels), paint and paint.stamp)).encode())
     key = digest.digest()
     if key in _kept:
         _kept.move_to_end(key)
@@ -131,9 +128,13 @@ def surface_stamp(
     obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, to_world: np.ndarray
 ) -> tuple:
     """Equal stamps, equal bumps and paint of an evaluated glass that only turns or moves."""
-    found = []
-    for material in glassy_materials(obj):
-        for recipe in recipes_of(material.evaluated_get(depsgraph)):
+    found, materials = [], glassy_materials(obj)
+    for material in materials:
+        seen = material.evaluated_get(depsgraph)
+        if len(materials) > 1:
+            # Each face has what its own says.
+            found.append(plain_finish(material_interface(seen)))
+        for recipe in recipes_of(seen):
             ready = is_ready(material.name_full, recipe)
             found += [*recipe.stamp(), ready, frame_of(recipe, to_world).tobytes()]
     return tuple(found)

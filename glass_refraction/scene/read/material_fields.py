@@ -119,9 +119,19 @@ def _write_ramp(ramp: bpy.types.ColorRamp, value: tuple) -> None:
         _write(element, "color", tuple(colour))
 
 
-def painted(recipe: Recipe) -> int:
-    """Equal for equal pixels of the images that a recipe looks up, but of very large ones."""
-    uids, found = {uid for uid, *_ in recipe.images}, 0
+def painted(recipe: Recipe, known: dict[tuple, int]) -> int:
+    """Equal for equal pixels of the images that a recipe looks up, but of very large ones.
+
+    ``known``: what was found for images before; kept.
+    """
+    images = tuple(recipe.images)
+    if images not in known:
+        known[images] = _sum_of_pixels({uid for uid, *_ in images})
+    return known[images]
+
+
+def _sum_of_pixels(uids: set[int]) -> int:
+    found = 0
     for image in bpy.data.images if uids else ():
         if image.session_uid in uids and 0 < np.prod(image.size) <= MOST_PIXELS:
             pixels = np.empty(len(image.pixels), np.float32)

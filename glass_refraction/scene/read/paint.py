@@ -107,7 +107,7 @@ def paint_on(
     materials = glassy_materials(obj)
     seen = [m.evaluated_get(depsgraph) for m in materials]
     recipes = [paint_of(material)[0] for material in seen]
-    looks = {tuple(_plain(material_interface(material))) for material in seen}
+    looks = {plain_finish(material_interface(material)) for material in seen}
     if not any(recipes) and len(looks) < 2:
         return None
     names = sorted(set().union(*(recipe.coordinates for recipe in recipes if recipe)))
@@ -115,8 +115,9 @@ def paint_on(
     rows = np.concatenate((corners.points, corners.normals, *maps.values()), axis=2)
     sources, roughness, digest = [], 0.0, hashlib.blake2b(rows[..., 6:].tobytes())
     for material, recipe in zip(seen, recipes, strict=True):
-        plain, socket = _plain(material_interface(material)), interface_node(material).inputs
-        roughness = max(roughness, 1.0 if socket["Roughness"].is_linked else plain[0])
+        plain = np.array(plain_finish(material_interface(material)))
+        is_linked = interface_node(material).inputs["Roughness"].is_linked
+        roughness = max(roughness, 1.0 if is_linked else plain[0])
         if recipe is None:
             sources.append(plain)
             digest.update(plain.tobytes())
@@ -124,10 +125,7 @@ def paint_on(
         place = frame_of(recipe, to_world)
         fields = Fields(material.name_full, recipe, obj.original.data, place, list(maps))
         sources.append(_settled(fields, len(maps)))
-        images = tuple(recipe.images)
-        if images not in pixels:
-            pixels[images] = painted(recipe)
-        for part in (recipe.stamp(), pixels[images], fields.is_ready, place.tolist()):
+        for part in (recipe.stamp(), painted(recipe, pixels), fields.is_ready, place.tolist()):
             digest.update(repr(part).encode())
     # A glassy mesh is all glass where no other material says otherwise: by the first then.
     slots = [slot.material for slot in obj.original.material_slots]
@@ -137,8 +135,9 @@ def paint_on(
     return Paint(tuple(sources), kind, rows, float(roughness), digest.digest())
 
 
-def _plain(interface: Interface) -> np.ndarray:
-    return np.array((interface.roughness, *interface.refracted, *interface.reflected))
+def plain_finish(look: Interface) -> tuple[float, ...]:
+    """`FINISH` numbers of a surface that is the same everywhere, or of a mesh that has one."""
+    return (look.roughness, *look.refracted, *look.reflected)
 
 
 def _settled(fields: Fields, maps: int) -> np.ndarray | Fields:
